@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 from bridge.supervise.inputs import Reaction
 from bridge.supervise.measured import GAP_S, Measured
-from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.rules.bodily import Bump, Cliff, Lifted, Tilt
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
+from bridge.supervise.rules.fence import Fence
 from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.rules.plugged import PluggedCondition
+from bridge.supervise.rules.progress import Progress
 from bridge.supervise.rules.slip import Slip
 from bridge.supervise.settings import Level, PluggedRule, default_settings
 

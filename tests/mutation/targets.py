@@ -82,6 +82,16 @@ TARGETS = (
         "bridge.supervise.rules.bodily",
         _tests("supervise/bodily", "supervise/bodily_limits"),
     ),
+    Target(
+        "progress",
+        "bridge.supervise.rules.progress",
+        _tests("supervise/progress", "supervise/bodily_limits"),
+    ),
+    Target(
+        "fence",
+        "bridge.supervise.rules.fence",
+        _tests("supervise/fence", "supervise/bodily_limits"),
+    ),
     Target("electric", "bridge.supervise.rules.electric", _tests("supervise/electric")),
     Target(
         "planner_check",

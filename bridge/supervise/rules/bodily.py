@@ -1,19 +1,17 @@
-"""Conditions on the robot's attitude, contacts and position."""
+"""Conditions on the robot's body: tilt, lifting, bumps and cliffs."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from bridge.floor_plan.floor_plan import contains
 from protocol.messages.values import Contact, Fault
 
 if TYPE_CHECKING:
-    from bridge.motion.geometry import Pose2
     from bridge.supervise.inputs import RuleInputs, Scalar
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
-    from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
+    from bridge.supervise.settings import BumpRule, CliffRule, TiltRule
     from protocol.messages.device import Imu
 
 _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
@@ -215,78 +213,3 @@ class Cliff:
         if self.grave:
             return f"no floor ahead, and the robot drove on by {100 * self._ahead_m:.0f} cm", data
         return "no floor ahead", data
-
-
-class Progress:
-    """The robot has not left a small square for a long time."""
-
-    grave = False
-    _box: tuple[float, float, float, float]
-
-    def __init__(self, rule: ProgressRule) -> None:
-        """Set the limits."""
-        self._rule = rule
-        self.restart()
-
-    def restart(self) -> None:
-        """Start a new square at the next step."""
-        self._since_s: float | None = None
-
-    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Extend the square to the pose; start a new square if it is larger than the limit."""
-        del measured
-        x, y, _ = inputs.pose
-        if self._since_s is None:
-            self._since_s, self._box = inputs.time_s, (x, y, x, y)
-        left, low, right, high = self._box
-        left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
-        self._box = left, low, right, high
-        if max(right - left, high - low) > self._rule.min_side_m:
-            self._since_s, self._box = inputs.time_s, (x, y, x, y)
-        self._for_s = inputs.time_s - self._since_s
-        return self._for_s > self._rule.window_s
-
-    def evidence(self) -> Evidence:
-        """Return the duration."""
-        side_cm = 100.0 * self._rule.min_side_m
-        text = f"the robot stayed within {side_cm:.0f} cm for {self._for_s:.0f} s"
-        return text, {"for_s": round(self._for_s, 1), "min_side_m": self._rule.min_side_m}
-
-
-class Fence:
-    """The robot is outside its fence."""
-
-    grave = False
-    _pose: Pose2
-    _how: str
-
-    def __init__(self, rule: FenceRule) -> None:
-        """Set the fence."""
-        self._rule = rule
-        self._start: Pose2 | None = None
-
-    def restart(self) -> None:
-        """Keep the fence and its centre."""
-
-    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Compare the estimated pose with the fence."""
-        del measured
-        rule = self._rule
-        pose = self._pose = inputs.pose
-        if self._start is None:
-            self._start = pose
-        if 0.0 < rule.radius_m < self._start.distance_m(pose):
-            self._how = f"more than {rule.radius_m:g} m from its start"
-            return True
-        if rule.polygon and not contains(rule.polygon, pose.x_m, pose.y_m):
-            self._how = "outside the fence"
-            return True
-        return False
-
-    def evidence(self) -> Evidence:
-        """Return the position."""
-        data: dict[str, Scalar] = {
-            "x_m": round(self._pose.x_m, 3),
-            "y_m": round(self._pose.y_m, 3),
-        }
-        return f"the robot is {self._how}", data

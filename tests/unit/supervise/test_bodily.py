@@ -1,4 +1,4 @@
-"""The rules for tilt, contact and position of the robot, each at its limits."""
+"""The rules for tilt, lifting, bumps and cliffs, each at its limits."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
-from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
-from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
+from bridge.supervise.rules.bodily import Bump, Cliff, Lifted, Tilt
+from bridge.supervise.settings import BumpRule, CliffRule, TiltRule
 from protocol.messages.values import Contact, Fault
 from support.watching import G_LSB, MODEL, Walk, imu, reading, status
 
@@ -250,74 +250,3 @@ def test_backing_off_from_a_cliff_is_right() -> None:
     walk.step(40, left_m=-0.004, right_m=-0.004, range=reading(contacts=CLIFF))
     assert not rule.grave
     assert not walk.step(1, range=None)
-
-
-# ---- progress and fence ------------------------------------------------------------------
-
-
-def test_a_small_square_for_a_long_time_is_no_progress() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, min_side_m=0.1)))
-    walk.step(1)
-    for index in range(199):
-        x = 0.099 * (index % 2)
-        assert not walk.step(1, pose=Pose2(x, -x, 0.0))
-    assert not walk.step(1, pose=Pose2(0.05, 0.0, 0.0))
-    assert walk.step(2, pose=Pose2(0.05, 0.0, 0.0))
-    assert rule.evidence()[1] == {"for_s": pytest.approx(4.0, abs=0.05), "min_side_m": 0.1}
-
-
-@pytest.mark.parametrize("there", [(0.101, 0.0), (-0.101, 0.0), (0.0, 0.101), (0.0, -0.101)])
-def test_leaving_the_square_restarts_the_time(there: tuple[float, float]) -> None:
-    walk = Walk(Progress(ProgressRule(window_s=4.0, min_side_m=0.1)))
-    walk.step(150)
-    walk.step(1, pose=Pose2(*there, 0.0))
-    assert not walk.step(199, pose=Pose2(*there, 0.0))
-    assert walk.step(3, pose=Pose2(*there, 0.0)), "the robot stands still in the new place"
-
-
-def test_steps_back_and_forth_give_a_square_each() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=1.0, min_side_m=0.1)))
-    for x in (0.0, 0.06, -0.06):
-        walk.step(10, pose=Pose2(x, 0.0, 0.0))
-    assert not walk.step(40, pose=Pose2(-0.06, 0.0, 0.0)), "0.12 m is outside the square"
-    rule.restart()
-    assert not walk.step(49, pose=Pose2(-0.06, 0.0, 0.0))
-    assert walk.step(3, pose=Pose2(-0.06, 0.0, 0.0))
-
-
-def test_the_radius_is_around_the_first_place() -> None:
-    walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
-    assert not walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
-    assert not walk.step(1, pose=Pose2(5.99, 5.0, 0.0))
-    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0))
-    assert rule.evidence()[1] == {"x_m": 5.8, "y_m": 5.8}
-    assert "more than 1 m" in rule.evidence()[0]
-    rule.restart()
-    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "a restart does not move the fence"
-
-
-def test_without_a_fence_nothing_is_outside() -> None:
-    assert not Walk(Fence(FenceRule())).step(1, pose=Pose2(900.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(
-    ("x", "y", "outside"),
-    [
-        *[(0.5, 0.5, False), (1.5, 0.5, False), (0.5, 1.5, False), (1.5, 1.5, True)],
-        *[(-0.1, 0.5, True), (2.1, 0.5, True), (0.5, -0.1, True), (0.5, 2.1, True)],
-        *[(0.99, 1.5, False), (1.01, 1.5, True), (1.5, 0.99, False), (1.5, 1.01, True)],
-    ],
-)
-def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
-    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 2.0), (0.0, 2.0))
-    walk = Walk(rule := Fence(FenceRule(polygon=corners)))
-    assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside
-    if outside:
-        assert "outside the fence" in rule.evidence()[0]
-
-
-def test_an_oblique_fence() -> None:
-    """The long side of a triangular fence is on y = 2 - x / 2. The robot crosses this side."""
-    corners = ((0.0, 0.0), (4.0, 0.0), (0.0, 2.0))
-    for x, y, outside in ((2.0, 0.9, False), (2.0, 1.1, True), (3.0, 0.4, False), (3.0, 0.6, True)):
-        assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

@@ -1,4 +1,4 @@
-"""The rules for tilt, contact and position of the robot, exactly at their limits."""
+"""The rules for tilt, lifting, bumps and cliffs, exactly at their limits."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.motion.geometry import Pose2
-from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.rules.bodily import Bump, Cliff, Lifted, Tilt
+from bridge.supervise.rules.fence import Fence
+from bridge.supervise.rules.progress import Progress
 from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
 from protocol.messages.values import Contact
 from support.watching import G_LSB, Walk, imu, reading, status
@@ -133,45 +134,3 @@ def test_at_the_limit_it_is_not_grave_and_a_step_ahead_is() -> None:
     assert data == {"ahead_m": 0.012}
     rule.restart()
     assert [*grave, rule.grave] == [False, True, False]
-
-
-def test_a_square_of_just_its_side_is_not_left() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, min_side_m=0.75)))
-    walk.time_s = 0.0
-    for time_s, x, held in ((0.0, 0.0, False), (3.9, 0.75, False), (4.0, 0.75, False)):
-        walk.time_s = time_s
-        assert walk.look(pose=Pose2(x, 0.0, 0.0)) is held, "the side of the square is 0.75 m"
-    walk.time_s = 4.0625
-    assert walk.look(pose=Pose2(0.75, 0.0, 0.0))
-    text, data = rule.evidence()
-    assert text == "the robot stayed within 75 cm for 4 s"
-    assert data == {"for_s": 4.1, "min_side_m": 0.75}
-
-
-def test_the_fence_acts_exactly_at_its_place() -> None:
-    walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
-    walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
-    assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a distance equal to the radius is inside"
-    assert walk.step(1, pose=Pose2(6.1234, 5.5678, 0.0))
-    assert rule.evidence()[1] == {"x_m": 6.123, "y_m": 5.568}
-    walk = Walk(Fence(FenceRule()))
-    walk.step(1, pose=Pose2(0.0, 0.0, 0.0))
-    assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "the robot moves, but there is no fence"
-
-
-def test_the_left_and_lower_side_of_a_fence_belong_to_it() -> None:
-    """Adjacent fences therefore leave no gap. Points level with a corner need no special rule."""
-    corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
-    for x, y, outside in (
-        *((0.0, 1.5, False), (2.0, 1.5, True), (1.5, 1.0, False), (0.5, 3.0, True)),
-        *((0.5, 2.0, False), (-0.5, 2.0, True), (2.5, 2.0, True), (-0.5, 1.0, True)),
-    ):
-        walk = Walk(Fence(FenceRule(polygon=corners)))
-        assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside, (x, y)
-
-
-def test_an_oblique_fence_with_a_higher_edge() -> None:
-    """The fence is a triangle with its long side on y = 5 - x / 2."""
-    corners = ((0.0, 3.0), (4.0, 3.0), (0.0, 5.0))
-    for x, y, outside in ((2.0, 3.9, False), (2.0, 4.1, True), (3.0, 3.4, False), (3.0, 3.6, True)):
-        assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside
