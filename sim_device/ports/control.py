@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim_device.faults.spec import FaultSpecError
 from sim_device.ports.base import PortUnavailableError
-from sim_device.ports.names import folder_locked
+from sim_device.ports.folder_lock import folder_locked
 
 if TYPE_CHECKING:
     from pathlib import Path

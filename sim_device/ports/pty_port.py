@@ -15,7 +15,7 @@ from sim_device.ports.base import DevicePort, PortUnavailableError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sim_device.ports.names import PtyLink
+    from sim_device.ports.pty_link import PtyLink
 
 _GONE = -1
 
@@ -44,7 +44,7 @@ class PtyPort(DevicePort):
         import pty  # noqa: PLC0415 - not on every platform
         import tty  # noqa: PLC0415 - not on every platform
 
-        from sim_device.ports.names import PtyLink  # noqa: PLC0415 - not on every platform
+        from sim_device.ports.pty_link import PtyLink  # noqa: PLC0415 - not on every platform
 
         if self._master != _GONE:
             return

@@ -1,44 +1,19 @@
-"""Names in the file system that a running emulator claims and releases.
-
-An emulator locks the folder while it claims a name. So two emulators that start at the same time
-cannot both get the name. The lock is on the folder itself, so there is no lock file, only the link.
-"""
+"""The symbolic link with a stable name that a running emulator claims and releases."""
 
 from __future__ import annotations
 
 import os
 import struct
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING
 from zlib import crc32
 
 from sim_device.ports.base import PortUnavailableError
+from sim_device.ports.folder_lock import folder_locked
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-
-@contextmanager
-def folder_locked(path: Path) -> Iterator[None]:
-    """Hold the lock on the folder of ``path``.
-
-    Raises:
-        PortUnavailableError: the folder does not exist.
-
-    """
-    import fcntl  # noqa: PLC0415 - not on every platform
-
-    try:
-        folder = os.open(path.parent, os.O_RDONLY)
-    except OSError as error:
-        raise PortUnavailableError(f"cannot make {path}: {error.strerror}") from None
-    try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(folder)
 
 
 class PtyLink:
