@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -238,18 +239,29 @@ def _free_cells(path: Path, about: _RosMap) -> np.ndarray[Any, np.dtype[np.bool_
 
 _ROLES = {
     "wall": "walls",
-    "room": "walls",
+    "walls": "walls",
     "obstacle": "obstacles",
+    "obstacles": "obstacles",
     "furniture": "obstacles",
     "carpet": "carpets",
+    "carpets": "carpets",
     "rug": "carpets",
+    "rugs": "carpets",
     "threshold": "thresholds",
+    "thresholds": "thresholds",
     "cliff": "cliffs",
+    "cliffs": "cliffs",
     "stair": "cliffs",
+    "stairs": "cliffs",
+    "staircase": "cliffs",
     "start": "start",
 }
-"""Map of a word in an element's id, class or label to the element's role. The word may also be in a
-group around the element."""
+"""Map of a whole word in the id, class or label of a shape or of a group around it, to the role."""
+_ROOM = "room"
+"""Word that makes a shape the walls if its own name has no word of ``_ROLES``. The word means
+nothing in a group's name: a group named after a room contains the room's shapes."""
+_LETTERS = re.compile(r"[^\W\d_]+")
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
 class _Shape(NamedTuple):
@@ -323,8 +335,13 @@ def _svg_shapes(path: Path) -> Iterator[_Shape]:
 
 
 def _walk(svgelements: Any, element: Any, role: str) -> Iterator[_Shape]:  # noqa: ANN401 - untyped
-    role = _role(element) or role
+    """Read the shapes of an element; ``role`` is the role of the groups around it."""
+    words = _words(element)
+    # The last word is the noun: a wall rug is a rug.
+    role = next((_ROLES[word] for word in reversed(words) if word in _ROLES), role)
     if isinstance(element, svgelements.Shape):
+        if _ROOM in words and not any(word in _ROLES for word in words):
+            role = "walls"
         for part in svgelements.Path(element).as_subpaths():
             points = _points(svgelements, part)
             if len(points) > 1 and all(math.isfinite(v) for point in points for v in point):
@@ -352,12 +369,16 @@ def _points(svgelements: Any, part: Any) -> list[Point]:  # noqa: ANN401 - untyp
     return points
 
 
-def _role(element: Any) -> str:  # noqa: ANN401 - untyped
+def _words(element: Any) -> list[str]:  # noqa: ANN401 - untyped
+    """Return the words of an element's own label, class and id, in lower case.
+
+    Words end at characters that are no letters, and at capitals as in ``bathroomRug``.
+    """
     values = getattr(element, "values", None) or {}
     own = values.get("attributes", values)
     label = next((str(v) for k, v in own.items() if str(k).endswith("label")), "")
-    text = " ".join(str(own.get(key) or "") for key in ("id", "class")) + f" {label}"
-    return next((role for word, role in _ROLES.items() if word in text.lower()), "")
+    text = " ".join((label, *(str(own.get(key) or "") for key in ("class", "id"))))
+    return [word.lower() for run in _LETTERS.findall(text) for word in _CAMEL.split(run)]
 
 
 # ------------------------------------------------------------------------------- both

@@ -204,9 +204,10 @@ def import_(  # noqa: PLR0913 - one parameter per option
     A ROS map is the .yaml file of map_server beside its image, in mode trinary; unknown cells are
     no floor. The room is the largest connected free floor, or the piece with --start.
 
-    In an SVG, words in the id, class or label of a shape or its group tell what it is: walls,
-    obstacle, furniture, carpet, rug, threshold, cliff, stairs, start. Without words the largest
-    shape is the walls, and the others are obstacles.
+    In an SVG, words in the id, class or label of a shape or its group tell what it is: wall,
+    obstacle, furniture, carpet, rug, threshold, cliff, stair, staircase, start (or their plurals).
+    A shape's own word counts before its group's. A shape named room is the walls, too. Without
+    words the largest shape is the walls, and the others are obstacles.
     """
     from bridge.config import load_robot
     from bridge.convert.map_import import import_map

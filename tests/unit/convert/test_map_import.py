@@ -160,6 +160,59 @@ def test_without_names_the_largest_shape_is_the_walls(tmp_path: Path) -> None:
     assert len(plan.obstacles) == 1
 
 
+def named(tmp_path: Path, *, shape: str = "", group: str = "") -> FloorPlan:
+    """Import the walls, and one square with these attributes in a group."""
+    path = tmp_path / "named.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><rect id="walls" width="300" height="200"/>'
+        f'<g {group}><rect {shape} x="50" y="50" width="20" height="20"/></g></svg>'
+    )
+    return import_map(path, scale_m=0.01, tolerance_m=0.0, start=None)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "bathroom-rug",
+        "bathroomRug",
+        "living room rug",
+        "LIVING_ROOM_RUG",
+        "rug2",
+        "wall rug",
+        "SVGCarpet",
+        "carpets",
+    ],
+)
+def test_a_rug_in_a_room_is_a_carpet(tmp_path: Path, name: str) -> None:
+    assert len(named(tmp_path, shape=f'id="{name}"').carpets) == 1
+    assert len(named(tmp_path, group=f'id="{name}"').carpets) == 1
+
+
+@pytest.mark.parametrize("name", ["drywall", "wallpaper", "bathroom", "restart", "rugby", "Würfel"])
+def test_a_part_of_a_word_means_nothing(tmp_path: Path, name: str) -> None:
+    assert len(named(tmp_path, shape=f'id="{name}"').obstacles) == 1
+
+
+def test_a_group_named_after_a_room_contains_its_furniture(tmp_path: Path) -> None:
+    group = 'xmlns:k="http://www.inkscape.org/namespaces/inkscape" k:label="Living room"'
+    assert len(named(tmp_path, group=group).obstacles) == 1
+    assert len(named(tmp_path, shape='class="rug"', group=group).carpets) == 1
+
+
+def test_the_own_name_of_a_shape_prevails_over_its_group(tmp_path: Path) -> None:
+    assert len(named(tmp_path, shape='id="stairs"', group='id="furniture"').cliffs) == 1
+
+
+def test_a_shape_named_room_is_the_walls(tmp_path: Path) -> None:
+    path = tmp_path / "room.svg"
+    path.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg"><rect id="garden" width="900" height="900"/>'
+        '<rect id="living-room" width="300" height="200"/></svg>'
+    )
+    plan = import_map(path, scale_m=0.01, tolerance_m=0.0, start=Pose2(1.0, 8.0, 0.0))
+    assert signed_area_m2(plan.walls) == pytest.approx(6.0)
+
+
 @pytest.mark.parametrize(
     ("text", "printed"),
     [
