@@ -23,7 +23,7 @@ from protocol.messages.values import (
     StopCause,
 )
 from support.probe import now_us, since
-from support.probe_parameters import every, get, put, value_of, writable
+from support.probe_parameters import every, get, put, restore, writable
 
 if TYPE_CHECKING:
     from protocol.messages.device import ParameterValue
@@ -166,11 +166,7 @@ def test_a_save_is_acknowledged_once_it_stands(device: Probe) -> None:
         stored = get(device, before.parameter).flags & ParameterFlag.STORED
         assert stored, "acknowledged before the value is stored"
     finally:
-        restored = put(device, before, before.value) is None
-        saved = device.refusal(SaveParameters) in {None, NackReason.UNSUPPORTED}
-        own = f"{before.name} = {value_of(before.kind, before.value)}"
-        assert restored, f"the device's own value was not restored: {own}"
-        assert saved, f"the device's own value was not saved again: {own}"
+        restore(device, [before])
 
 
 @pytest.mark.slow

@@ -9,10 +9,12 @@ import struct
 from typing import TYPE_CHECKING
 
 from protocol.messages.device import ParameterValue
-from protocol.messages.host import GetParameter, SetParameter
+from protocol.messages.host import GetParameter, SaveParameters, SetParameter
 from protocol.messages.values import NackReason, ParameterFlag, ParameterKind
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from support.probe import Probe
 
 
@@ -39,6 +41,15 @@ def every(device: Probe) -> list[ParameterValue]:
 def put(device: Probe, parameter: ParameterValue, raw: int) -> NackReason | None:
     """Set one parameter; return the reason of a rejection, or None."""
     return device.refusal(lambda i: SetParameter(i, parameter.parameter, parameter.kind, raw))
+
+
+def restore(device: Probe, own: Sequence[ParameterValue]) -> None:
+    """Restore the device's own values and save them, unless the device saves nothing."""
+    rejected = [p for p in own if put(device, p, p.value) is not None]
+    saved = device.refusal(SaveParameters) in {None, NackReason.UNSUPPORTED}
+    lines = "\n".join(f"  {p.name.partition(' ')[0]} = {value_of(p.kind, p.value)}" for p in own)
+    assert saved, f"the device's own values were not saved again:\n{lines}"
+    assert not rejected, f"the device's own values were not restored:\n{lines}"
 
 
 def value_of(kind: int, raw: int) -> float:
