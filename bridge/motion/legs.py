@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Drive along a line in the direction of a heading. The line starts at the robot's position.
+    """Drive along a line in the direction of a heading.
 
-    This is the paper's "set the target's x to infinity". The distance is only a limit. Without a
-    distance the robot follows the line until a sensor stops it.
+    The line starts at the robot's position or beside it. This is the paper's "set the target's x to
+    infinity". The distance is only a limit. Without a distance the robot follows the line until a
+    sensor stops it.
     """
 
     heading_rad: float
@@ -34,11 +35,13 @@ class Drive:
     """True: slow down for obstacles that have left the ultrasonic cone."""
     purpose: str = "drive"
     """Purpose of the leg, for events and lane lengths. It does not affect the motion."""
+    across_m: float = 0.0
+    """Distance of the line from the robot's position, m; positive: to the left of the heading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Turn in place to a heading, in the shorter direction."""
+    """Turn in place to a heading, in the shorter direction; or turn along an arc to a line."""
 
     heading_rad: float
     flowing: bool = False
@@ -46,6 +49,9 @@ class Turn:
     leg follows immediately and steers to the heading."""
     timeout_s: float = 15.0
     purpose: str = "turn"
+    across_m: float = 0.0
+    """Distance of the line on which an arc ends, m; positive: to the left of ``heading_rad``. The
+    robot turns towards the line. 0: turn in place."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,8 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
+_POINT_M = 1e-6
+"""Minimum radius of an arc, m. A turn with a smaller radius is a turn in place."""
 _MAX_STEP_S = 0.1
 """Maximum time between control steps, s. Filters and timeouts ignore the time beyond it, for
 example after a pause."""
@@ -41,7 +43,7 @@ class LegExecutor:
     Call ``start`` with a leg. Then call ``step`` with every observation and send the returned
     command, until ``result`` is set. A bumper switch or a cliff ends a forward leg immediately,
     without a ramp. It does not end turns in place and backward legs, because they lead away from
-    the obstacle.
+    the obstacle. An arc is a forward leg.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
@@ -234,6 +236,7 @@ class LegExecutor:
             return self._stop(StopReason.STALLED, obs, dt)
         pose, origin = obs.pose, self._origin
         across = (pose.y_m - origin.y_m) * self._cos - (pose.x_m - origin.x_m) * self._sin
+        across -= leg.across_m
         aim = leg.heading_rad - direction * math.atan2(across, self._tuning.lookahead_m)
         rate = self._rotary.update(aim, pose.theta_rad, dt)
         error = wrap_angle(leg.heading_rad - pose.theta_rad)
@@ -241,9 +244,13 @@ class LegExecutor:
 
     def _turn(self, leg: Turn, obs: Observation, dt: float) -> VelocityCommand:
         tune = self._tuning
-        if self._rolls_into(obs):
+        if leg.across_m:
+            hit = self._hit(obs)
+            if hit is not None:
+                return self._stop(hit, obs, dt)
+        elif self._rolls_into(obs):
             self._smooth_v.reset()  # a turn leads away; remaining forward motion does not
-        error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
+        error = _remaining_rad(leg, obs)
         run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
             return self._flow_on(StopReason.DONE, obs)
@@ -257,7 +264,30 @@ class LegExecutor:
             rate = self._rotary.update(leg.heading_rad, obs.pose.theta_rad, dt)
         if abs(rate) < tune.min_turn_rad_s:
             rate = math.copysign(tune.min_turn_rad_s, error)
-        return self._send(0.0, rate, dt)
+        return self._arc(leg, obs, rate, dt) if leg.across_m else self._send(0.0, rate, dt)
+
+    def _arc(self, leg: Turn, obs: Observation, rate: float, dt: float) -> VelocityCommand:
+        error = _remaining_rad(leg, obs)
+        radius = max(self._arc_radius_m(leg, obs, error), _POINT_M)
+        speed = min(abs(rate) * radius, self._model.cruise_speed_m_s)
+        # the robot turns no faster than its speed allows, so that it stays on the arc
+        reached = self._smooth_v.output + self._model.max_accel_m_s2 * dt
+        most = max(min(speed, reached) / radius, self._tuning.min_turn_rad_s)
+        rate = math.copysign(min(abs(rate), most), error)
+        return self._send(min(speed, self._allowed(wary=False)), rate, dt)
+
+    def _arc_radius_m(self, leg: Turn, obs: Observation, error: float) -> float:
+        """Return the radius of the arc that ends on the line of ``leg``.
+
+        An arc of radius r that turns by an angle e moves r · (1 - cos e) towards the line.
+        """
+        pose, origin = obs.pose, self._origin
+        across = (pose.y_m - origin.y_m) * math.cos(leg.heading_rad) - (
+            pose.x_m - origin.x_m
+        ) * math.sin(leg.heading_rad)
+        remaining = (leg.across_m - across) * math.copysign(1.0, leg.across_m)
+        radius = remaining / max(1.0 - math.cos(error), self._tuning.min_arc)
+        return min(max(radius, 0.0), abs(leg.across_m))
 
     def _go_to(self, leg: GoTo, obs: Observation, dt: float) -> VelocityCommand:
         tune = self._tuning
@@ -397,3 +427,11 @@ class LegExecutor:
             self._bumped[0] or obs.bumper_left,
             self._bumped[1] or obs.bumper_right,
         )
+
+
+def _remaining_rad(leg: Turn, obs: Observation) -> float:
+    """Return the angle that is left to turn, rad; for an arc, towards its line."""
+    error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
+    if leg.across_m * error > 0.0 and abs(error) > 0.5 * math.pi:
+        error -= math.copysign(2.0 * math.pi, error)
+    return error

@@ -38,6 +38,9 @@ class MotionTuning:
     flow_brake_share: float = 0.75
     """Share of the yaw acceleration limit for braking in a turn that continues into the next
     leg."""
+    min_arc: float = 0.1
+    """Minimum of 1 - cos e, for the remaining angle e of an arc, at which the radius is corrected.
+    At a smaller angle the robot hardly moves towards the line."""
     point_tolerance_m: float = 0.006
     lowpass: float = 0.6
     """Factor k of the velocity smoothing, per 20 ms step."""

@@ -240,6 +240,39 @@ def test_a_turn_that_flows_ends_near_its_heading_in_less_time() -> None:
     assert world.truth.y_m == pytest.approx(2.0, abs=0.004)
 
 
+@pytest.mark.parametrize("begin_deg", [90, 180])
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("across_m", [0.05, 0.14, 0.3])
+def test_an_arc_ends_on_its_line(begin_deg: int, side: int, across_m: float) -> None:
+    """The line is to the left (1) or the right of +x; the robot turns towards it."""
+    world = world_at(2.0, 2.0, math.radians(side * begin_deg))
+    driver = Driver(world)
+    result = driver.run(Turn(0.0, flowing=True, across_m=side * across_m))
+    assert result.reason is StopReason.DONE
+    truth = world.truth
+    assert abs(math.remainder(truth.theta_rad, math.tau)) < math.radians(4)
+    assert truth.y_m == pytest.approx(2.0 + side * across_m, abs=0.008)
+    assert all(v >= 0.0 for v, _ in driver.commands)
+    assert all(w * side <= 0.0 for _, w in driver.commands), "one direction"
+
+
+@pytest.mark.parametrize("met", ["bumper_left", "bumper_right", "cliff"])
+def test_a_contact_ends_an_arc(met: str) -> None:
+    driver = Driver(world_at(1.0, 2.0))
+    executor = driver.executor
+    obs = driver.world.observe()
+    executor.start(Turn(math.pi, flowing=True, across_m=-0.14), obs)
+    for _ in range(25):
+        obs = driver.world.step(executor.step(obs))
+    assert obs.v_m_s > 0.05
+    assert executor.step(obs._replace(**{met: True})) == HALT  # type: ignore[arg-type]
+    for _ in range(50):
+        obs = driver.world.step(executor.step(obs))
+    assert executor.result is not None
+    expected = StopReason.CLIFF if met == "cliff" else StopReason.BUMPER
+    assert executor.result.reason is expected
+
+
 @pytest.mark.parametrize("end_m_s", [0.05, 0.12])
 def test_a_drive_that_flows_hands_its_speed_on_without_a_jump(end_m_s: float) -> None:
     world = world_at(1.0, 2.0)
