@@ -127,6 +127,14 @@ class PlannerGeometry:
     """Cost of a turn, s/rad (0.85)."""
     stop_s: float
     """Cost of a stop, s (0.9)."""
+    transit_share: float
+    """Cost of transit in the comparison of targets, relative to its time (4)."""
+    return_cells: float
+    """Number of cells that the mouth sweeps in the time of a return to a small piece of unswept
+    floor (250)."""
+    small_cells: int
+    """Number of cells from which a piece has the whole additional weight of a return (64): the
+    mouth's width squared."""
 
     # -- behaviours ----------------------------------------------------------------------------
     lane_speed_m_s: float
@@ -225,6 +233,9 @@ class PlannerGeometry:
             near_cost=_exact(5.0 * radius_m / cell_m),
             turn_s_rad=_exact(options.turn_share / model.max_yaw_rate_rad_s),
             stop_s=_exact(options.stop_share * lane_speed / model.max_accel_m_s2),
+            transit_share=options.transit_share,
+            return_cells=_exact(full_rate * options.return_m / lane_speed),
+            small_cells=round(per_cell(options.small_area * width_m**2)),
             lane_speed_m_s=_exact(lane_speed),
             perimeter_speed_m_s=perimeter_speed,
             stop_range_m=_stop_range(model, options.stop_gap_m),

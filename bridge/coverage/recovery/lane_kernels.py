@@ -16,7 +16,7 @@ import cython
 from cython.cimports.libc.math import atan2, cos, fabs, sin
 
 if TYPE_CHECKING or cython.compiled:
-    from cython.cimports.bridge.motion.arrays import IntGrid, Ints, Layer
+    from cython.cimports.bridge.motion.arrays import IntGrid, Layer
 
 _PI = cython.declare(cython.double, math.pi)
 
@@ -47,6 +47,12 @@ class LanePrices:
     """Maximum number of swept cells within the lane."""
     half_cells = cython.declare(cython.int, visibility="public")
     """Number of rows that the lane sweeps on each side of its own row."""
+    transit_share = cython.declare(cython.double, visibility="public")
+    """Cost of the path to the lane in the comparison of targets, relative to its time."""
+    min_rate = cython.declare(cython.double, visibility="public")
+    """Minimum number of new cells per second."""
+    cell_weight = cython.declare(cython.int, visibility="public")
+    """Weight of a target in a large piece of unswept floor."""
     ahead_cells = cython.declare(cython.int, visibility="public")
     """Distance of the mouth ahead of the axle, cells."""
 
@@ -62,6 +68,9 @@ class LanePrices:
         min_cells: cython.int,
         gap_cells: cython.int,
         half_cells: cython.int,
+        transit_share: cython.double,
+        min_rate: cython.double,
+        cell_weight: cython.int,
         ahead_cells: cython.int = 0,
     ) -> None:
         """Store each cost and size. The path cost of one cell is ten units."""
@@ -69,7 +78,8 @@ class LanePrices:
         self.frontier, self.heading_rad = frontier, heading_rad
         self.cell_cm, self.cost_cm, self.near_cost = cell_cm, 0.1 * cell_cm, near_cost
         self.min_cells, self.gap_cells, self.half_cells = min_cells, gap_cells, half_cells
-        self.ahead_cells = ahead_cells
+        self.transit_share, self.min_rate = transit_share, min_rate
+        self.cell_weight, self.ahead_cells = cell_weight, ahead_cells
 
 
 @cython.final
@@ -78,7 +88,10 @@ class BestLane:
     """The best lane so far."""
 
     score = cython.declare(cython.double, visibility="public")
-    """New cells per second, minus the cost of the frontier; 0: no lane."""
+    """Weight of the new cells per second, minus the cost of the frontier, with the additional cost
+    of the path; 0: no lane."""
+    rate = cython.declare(cython.double, visibility="public")
+    """New cells per second, minus the cost of the frontier."""
     row = cython.declare(cython.int, visibility="public")
     first = cython.declare(cython.int, visibility="public")
     """First column of the axle. ``last`` is the last column of the axle."""
@@ -90,7 +103,7 @@ class BestLane:
 
     def __init__(self) -> None:
         """Begin without a lane."""
-        self.score = 0.0
+        self.score = self.rate = 0.0
         self.row = self.first = self.last = self.new = 0
         self.backwards = False
 
@@ -140,13 +153,17 @@ def _judge(
     last: cython.int,
     backwards: cython.bint,
     new: cython.int,
+    weight: cython.double,
     edges: cython.int,
     path: cython.double,
     bearing: cython.double,
     prices: LanePrices,
     heading: cython.double,
 ) -> cython.void:
-    """Rate one candidate and store it if it is the best so far."""
+    """Rate one candidate and store it if it is the best so far.
+
+    ``weight`` is the weight of the new cells, in cells.
+    """
     length = (last - first + 1) * prices.cell_cm
     direction = prices.heading_rad + (_PI if backwards else 0.0)
     time = (path * prices.cost_cm + length) / prices.speed_cm_s + prices.stop_s
@@ -156,9 +173,16 @@ def _judge(
         time += (off + off2) * prices.turn_s_rad + prices.stop_s
     else:
         time += _between(direction, heading) * prices.turn_s_rad
-    score = (new - prices.frontier * edges) / time
+    rate = (new - prices.frontier * edges) / time
+    if rate < prices.min_rate:
+        return
+    if path > prices.near_cost:
+        far = (path - prices.near_cost) * prices.cost_cm / prices.speed_cm_s
+        time += (prices.transit_share - 1.0) * far
+    score = (weight - prices.frontier * edges) / time
     if score > best.score:
         best.score = score
+        best.rate = rate
         best.row = row
         best.first = first
         best.last = last
@@ -174,12 +198,12 @@ def scan_lanes(
     heading: cython.double,
     prices: LanePrices,
     best: BestLane,
-    sums: Ints,
+    sums: IntGrid,
 ) -> None:
-    """Find the straight lane along the rows with the most new cells per time.
+    """Find the straight lane along the rows with the largest weight of new cells per time.
 
-    ``best`` contains the best lane so far. ``sums`` is a temporary array with one number per
-    column.
+    ``target`` has a weight for each cell, 0: no target. ``best`` contains the best lane so far.
+    ``sums`` is a temporary array with two numbers per column: new cells, and their weight.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
@@ -190,6 +214,7 @@ def scan_lanes(
     first: cython.int
     last: cython.int
     new: cython.int
+    weight: cython.int
     edges: cython.int
     fresh: cython.int
     begin: cython.int
@@ -198,28 +223,34 @@ def scan_lanes(
     behind: cython.int
     step: cython.int
     j: cython.int
+    unit: cython.double = 1.0 / prices.cell_weight
     for k in range(cols):
-        sums[k] = 0
+        sums[0, k] = sums[1, k] = 0
     for r in range(min(2 * half, rows)):
         for k in range(cols):
-            sums[k] += target[r, k]
+            sums[0, k] += 1 if target[r, k] else 0
+            sums[1, k] += target[r, k]
     for r in range(half, rows - half - 1):
         for k in range(cols):
-            sums[k] += target[r + half, k]
+            sums[0, k] += 1 if target[r + half, k] else 0
+            sums[1, k] += target[r + half, k]
             if r - half - 1 >= 0:
-                sums[k] -= target[r - half - 1, k]
+                sums[0, k] -= 1 if target[r - half - 1, k] else 0
+                sums[1, k] -= target[r - half - 1, k]
         k = 0
         while k < cols:
-            if ways[r, k] < 0 or sums[k] == 0:
+            if ways[r, k] < 0 or sums[0, k] == 0:
                 k += 1
                 continue
             first = last = k
             new = 0
+            weight = 0
             edges = 0
             while k < cols and ways[r, k] >= 0 and k - last <= gap:
-                if sums[k] > 0:
+                if sums[0, k] > 0:
                     last = k
-                    new += sums[k]
+                    new += sums[0, k]
+                    weight += sums[1, k]
                     for side in range(2):
                         rim = r + half if side else r - half
                         out = r + half + 1 if side else r - half - 1
@@ -246,7 +277,7 @@ def scan_lanes(
                 for j in range(prices.ahead_cells - back):
                     behind = (last if backwards else first) + step * j
                     if first <= behind <= last:
-                        fresh -= sums[behind]
+                        fresh -= sums[0, behind]
                 if fresh < prices.min_cells:
                     continue
                 end -= step * prices.ahead_cells
@@ -258,6 +289,7 @@ def scan_lanes(
                     max(begin, end),
                     backwards == 1,
                     fresh,
+                    unit * weight + fresh - new,
                     edges,
                     ways[r, begin],
                     prices.heading_rad + ahead,

@@ -77,6 +77,16 @@ class RecoveryOptions:
     stop_share: float = 9.0 / 7.0
     """Cost of a stop, relative to the time to brake from a lane's speed. A test with 1 gave the
     same run times."""
+    transit_share: float = 4.0
+    """Cost of transit in the comparison of targets, relative to its time. The robot must sweep all
+    targets, so a distant target is not better because it is large: it is swept later, with less
+    transit. With 1 the path is 2 % longer."""
+    return_m: float = 1.0
+    """Transit that a return to a small piece of unswept floor costs, m. A lane that leaves no such
+    piece saves it. With 0 the path is 2 % longer."""
+    small_area: float = 1.0
+    """Area of a piece from which the whole return counts, in units of the mouth's width squared.
+    The robot does not return to each smaller piece."""
     looks_m: tuple[float, ...] = (2.2, 5.2)
     """Maximum path lengths of the search, tried one after another, m. The last search has no
     limit."""

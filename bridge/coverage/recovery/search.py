@@ -1,5 +1,8 @@
 """The search for the next target: the lane or perimeter with the largest swept area per time.
 
+In the comparison, transit costs more than its time, and a small piece of unswept floor weighs more
+than its area. So the robot sweeps the floor near it first, and seldom returns for a small piece.
+
 The work is split into slices, so that no control step is delayed. On a large floor the robot waits
 for some control steps.
 """
@@ -16,12 +19,15 @@ from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lan
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
 from bridge.coverage.recovery.window import Buffers, Point, SearchWindow, Turned, free_cell
 from bridge.coverage.recovery.window_kernels import (
+    CELL_WEIGHT,
     BestPerimeter,
     PerimeterCosts,
     keep_holes,
     mark_targets,
     scan_outlines,
+    weigh_pieces,
 )
+from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -29,7 +35,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.geometry import PlannerGeometry
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
-    from bridge.motion.geometry import Pose2
 
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
@@ -52,6 +57,14 @@ class Choice:
     length_m: float
     new_m2: float = 0.0
     rate_m2_s: float = 0.0
+    score_m2_s: float = 0.0
+    """Result of the comparison with other targets: the rate, but with the additional weight of
+    small pieces and the additional cost of transit, m²/s."""
+
+    @property
+    def begin(self) -> Pose2:
+        """Pose at the beginning."""
+        return Pose2(*self.path[-1], self.heading_rad)
 
 
 class Chooser:
@@ -117,7 +130,7 @@ class Chooser:
             self._spent += window.settled
             choice = yield from self._best(window, most, pose, grid_rad, geometry)
             near_m2_s = geometry.area_m2(geometry.near_rate)
-            if choice is not None and choice.rate_m2_s >= near_m2_s:
+            if choice is not None and choice.score_m2_s >= near_m2_s:
                 break
             if part == box and most >= _ENOUGH * (part[1] - part[0] + part[3] - part[2]):
                 break
@@ -196,13 +209,23 @@ class Chooser:
             hole = self._buffers.layer("hole", window.target.shape)
             left = keep_holes(window.target, hole, geometry.hole_cells)
         perimeter = BestPerimeter()
-        prices = _perimeter_costs(geometry)
+        prices = _perimeter_costs(geometry, min_rate)
         ways = window.perimeter_lengths
         scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, perimeter)
         best = BestLane(), BestLane()
         image: Turned | None = None
         if left >= geometry.min_cells:
-            yield from self._spend(_TURNING * window.cells)
+            yield from self._spend((_MARKING + _TURNING) * window.cells)
+            weigh_pieces(
+                window.target,
+                window.open,
+                window.done,
+                window.ways,
+                self._buffers.ints("piece", (1, window.cells)).ravel(),
+                geometry.return_cells,
+                geometry.small_cells,
+                geometry.min_cells,
+            )
             image = Turned(window, grid_rad, self._buffers)
             for across in range(2):
                 yield from self._spend(_SCANNING * window.cells)
@@ -212,12 +235,12 @@ class Chooser:
                     ways,
                     *image.place(x, y, across=across),
                     pose.theta_rad - grid_rad,
-                    _lane_prices(geometry, across * _QUARTER),
+                    _lane_prices(geometry, across * _QUARTER, min_rate),
                     best[across],
-                    self._buffers.ints("sums", (1, target.shape[1])).ravel(),
+                    self._buffers.ints("sums", (2, target.shape[1])),
                 )
         score = max(best[0].score, best[1].score, perimeter.score)
-        if score < min_rate:
+        if score <= 0.0:
             return None
         if perimeter.score == score or image is None:
             return self._perimeter_choice(window, perimeter, geometry)
@@ -233,6 +256,7 @@ class Chooser:
             found.bearing_rad + _QUARTER,
             0.0,
             geometry.area_m2(geometry.perimeter_cells),
+            geometry.area_m2(found.rate),
             geometry.area_m2(found.score),
         )
 
@@ -249,6 +273,7 @@ class Chooser:
             heading,
             (abs(end - begin) + 1) * geometry.cell_m,
             geometry.area_m2(found.new),
+            geometry.area_m2(found.rate),
             geometry.area_m2(found.score),
         )
 
@@ -260,7 +285,7 @@ def _turning(window: SearchWindow, most: int, geometry: PlannerGeometry) -> int:
     )
 
 
-def _perimeter_costs(geometry: PlannerGeometry) -> PerimeterCosts:
+def _perimeter_costs(geometry: PlannerGeometry, min_rate: float) -> PerimeterCosts:
     return PerimeterCosts(
         speed_cm_s=geometry.lane_speed_m_s * 100.0,
         turn_s_rad=geometry.turn_s_rad,
@@ -270,10 +295,12 @@ def _perimeter_costs(geometry: PlannerGeometry) -> PerimeterCosts:
         cell_cm=geometry.cell_m * 100.0,
         near_cost=geometry.near_cost,
         beside_cells=geometry.beside_cells,
+        transit_share=geometry.transit_share,
+        min_rate=min_rate,
     )
 
 
-def _lane_prices(geometry: PlannerGeometry, heading_rad: float) -> LanePrices:
+def _lane_prices(geometry: PlannerGeometry, heading_rad: float, min_rate: float) -> LanePrices:
     return LanePrices(
         speed_cm_s=geometry.lane_speed_m_s * 100.0,
         turn_s_rad=geometry.turn_s_rad,
@@ -285,6 +312,9 @@ def _lane_prices(geometry: PlannerGeometry, heading_rad: float) -> LanePrices:
         min_cells=geometry.min_cells,
         gap_cells=geometry.gap_cells,
         half_cells=geometry.lane_cells,
+        transit_share=geometry.transit_share,
+        min_rate=min_rate,
+        cell_weight=CELL_WEIGHT,
         ahead_cells=geometry.ahead_cells,
     )
 

@@ -13,7 +13,7 @@ import cython
 from cython.cimports.libc.math import atan2, fabs, sqrt
 
 if TYPE_CHECKING or cython.compiled:
-    from cython.cimports.bridge.motion.arrays import IntGrid, Layer
+    from cython.cimports.bridge.motion.arrays import IntGrid, Ints, Layer
 
 _PI = cython.declare(cython.double, math.pi)
 _SWEPT = cython.declare(cython.int, 1)
@@ -21,6 +21,10 @@ _GIVEN_UP = cython.declare(cython.int, 2)
 _OCCUPIED = cython.declare(cython.int, 4)
 SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
 """Bits that show why a cell needs no sweeping."""
+_CELL = cython.declare(cython.int, 8)
+_MAX_WEIGHT = cython.declare(cython.int, 255)
+CELL_WEIGHT = _CELL
+"""Weight of a target in a large piece of unswept floor. Weights are whole numbers in a byte."""
 
 
 @cython.final
@@ -40,6 +44,10 @@ class PerimeterCosts:
     """Path length per unit of path cost, cm."""
     near_cost = cython.declare(cython.double, visibility="public")
     """Maximum cost of a path that is not driven before the perimeter pass."""
+    transit_share = cython.declare(cython.double, visibility="public")
+    """Cost of the path in the comparison of targets, relative to its time."""
+    min_rate = cython.declare(cython.double, visibility="public")
+    """Minimum number of new cells per second."""
     beside_cells = cython.declare(cython.int, visibility="public")
     """Radius of the floor beside the wall that is searched, cells: half the mouth's width."""
 
@@ -53,6 +61,8 @@ class PerimeterCosts:
         cell_cm: cython.double,
         near_cost: cython.double,
         beside_cells: cython.int,
+        transit_share: cython.double,
+        min_rate: cython.double,
     ) -> None:
         """Store each cost.
 
@@ -62,6 +72,7 @@ class PerimeterCosts:
         self.stop_s, self.cells, self.full_rate = stop_s, cells, full_rate
         self.cost_cm, self.near_cost = 0.1 * cell_cm, near_cost
         self.beside_cells = beside_cells
+        self.transit_share, self.min_rate = transit_share, min_rate
 
 
 @cython.final
@@ -70,7 +81,9 @@ class BestPerimeter:
     """The best place so far to begin a perimeter pass."""
 
     score = cython.declare(cython.double, visibility="public")
-    """New cells per second; 0: no place."""
+    """New cells per second, with the additional cost of the path; 0: no place."""
+    rate = cython.declare(cython.double, visibility="public")
+    """New cells per second."""
     row = cython.declare(cython.int, visibility="public")
     col = cython.declare(cython.int, visibility="public")
     bearing_rad = cython.declare(cython.double, visibility="public")
@@ -78,7 +91,7 @@ class BestPerimeter:
 
     def __init__(self) -> None:
         """Begin without a place."""
-        self.score = self.bearing_rad = 0.0
+        self.score = self.rate = self.bearing_rad = 0.0
         self.row = self.col = 0
 
 
@@ -223,6 +236,78 @@ def keep_holes(target: Layer, hole: Layer, width: cython.int) -> cython.int:
     return count
 
 
+def weigh_pieces(
+    target: Layer,
+    open_: Layer,
+    done: Layer,
+    ways: IntGrid,
+    queue: Ints,
+    return_cells: cython.double,
+    small_cells: cython.int,
+    min_cells: cython.int,
+) -> None:
+    """Replace each target by its weight: ``CELL_WEIGHT``, and more in a small piece.
+
+    The robot must return to each piece of unswept floor that it leaves. So the targets of a piece
+    together weigh ``return_cells`` more than their number. A piece with fewer than ``small_cells``
+    targets weighs proportionally less, because the robot may not return to it. A piece with fewer
+    than ``min_cells`` targets has no additional weight, and neither has a piece that continues
+    beyond the searched area. ``queue`` is temporary space for all cells.
+    """
+    rows: cython.int = target.shape[0]
+    cols: cython.int = target.shape[1]
+    r: cython.int
+    c: cython.int
+    y: cython.int
+    x: cython.int
+    k: cython.int
+    count: cython.int
+    weight: cython.int
+    whole: cython.bint
+    # Use local copies, because compiled code reads a module variable again after each array store.
+    cell_weight: cython.int = _CELL
+    max_weight: cython.int = _MAX_WEIGHT
+    for r in range(rows):
+        for c in range(cols):
+            if target[r, c] != 1:
+                continue
+            queue[0] = r * cols + c
+            target[r, c] = 2
+            count = 1
+            k = 0
+            whole = True
+            while k < count:
+                cell = queue[k]
+                y = cell // cols
+                x = cell % cols
+                k += 1
+                # the cells at the window's border count as impassable
+                if y < 2 or x < 2 or y >= rows - 2 or x >= cols - 2:  # noqa: PLR2004 - beside it
+                    whole = False
+                if y == 0 or x == 0 or y == rows - 1 or x == cols - 1:
+                    continue
+                for i in range(-1, 2):
+                    for j in range(-1, 2):
+                        if target[y + i, x + j] == 1:
+                            target[y + i, x + j] = 2
+                            queue[count] = cell + i * cols + j
+                            count += 1
+                        elif (
+                            target[y + i, x + j] == 0
+                            and ways[y + i, x + j] < 0
+                            and open_[y + i, x + j] > 0
+                            and done[y + i, x + j] == 0
+                        ):
+                            whole = False
+            weight = cell_weight
+            if whole and count >= min_cells:
+                more = return_cells / max(count, small_cells)
+                weight = min(int(cell_weight * (1.0 + more) + 0.5), max_weight)
+            for k in range(count):
+                cell = queue[k]
+                target[cell // cols, cell % cols] = weight
+
+
 @cython.cdivision(False)  # noqa: FBT003 - a directive: an angle's remainder has Python's sign
 def scan_outlines(
     open_: Layer,
@@ -268,9 +353,14 @@ def scan_outlines(
             if path > prices.near_cost:
                 off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
                 time += off * prices.turn_s_rad
-            score = prices.cells / time
+            if prices.cells / time < prices.min_rate:
+                continue
+            rate = prices.cells / time
+            far = max(path - prices.near_cost, 0.0) * prices.cost_cm / prices.speed_cm_s
+            score = prices.cells / (time + (prices.transit_share - 1.0) * far)
             if score > best.score:
                 best.score = score
+                best.rate = rate
                 best.row = r
                 best.col = c
                 best.bearing_rad = atan2(wall_y, wall_x)

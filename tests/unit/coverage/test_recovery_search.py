@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
 from bridge.coverage.recovery.map import EvidenceMap
@@ -14,6 +15,7 @@ from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
 from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, clear_line, travel, way_back
 from bridge.coverage.recovery.window_kernels import (
+    CELL_WEIGHT,
     GIVEN_UP,
     OCCUPIED,
     SWEPT,
@@ -23,6 +25,7 @@ from bridge.coverage.recovery.window_kernels import (
     keep_holes,
     mark_targets,
     scan_outlines,
+    weigh_pieces,
 )
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
@@ -151,7 +154,10 @@ def test_the_perimeter_pass_begins_beside_the_unswept_wall() -> None:
     done = np.zeros((40, 40), dtype=np.uint8)
     done[:, :20] = SWEPT
     ways = np.where(open_ > 0, 10, -1).astype(np.int32)
-    best, prices = BestPerimeter(), PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4)
+    best, prices = (
+        BestPerimeter(),
+        PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4, 4.0, 15.0),
+    )
     scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
     assert best.score > 0.0
     assert best.row == 8
@@ -175,14 +181,57 @@ def test_the_path_has_few_corners_with_free_lines_between() -> None:
     assert way_back(open_, np.full_like(dist, -1), 35, 35, corners, CELLS) == 0
 
 
-def best_lane(target: np.ndarray, here: tuple[float, float]) -> BestLane:
+def weighed(target: np.ndarray, *, done: np.ndarray | None = None) -> np.ndarray:
+    """Return the targets' weights, in cells; a return is worth 100 cells, a piece of 20 is small.
+
+    All floor is passable. The search has reached the targets only.
+    """
+    rows, cols = target.shape
+    if done is None:
+        done = np.where(target > 0, 0, SWEPT).astype(np.uint8)
+    ways = np.where(target > 0, 10, -1).astype(np.int32)
+    queue = np.zeros(rows * cols, dtype=np.int32)
+    weights = target.copy()
+    weigh_pieces(weights, floor(rows, cols), done, ways, queue, 100.0, 20, 5)
+    return weights / CELL_WEIGHT
+
+
+def test_a_piece_weighs_more_than_its_cells_by_one_return() -> None:
+    target = np.zeros((40, 60), dtype=np.uint8)
+    target[10:15, 10:20] = 1  # a piece of 50 cells
+    target[15, 20] = 1  # it touches the piece at a corner
+    target[30:32, 10:15] = 1  # a small piece of 10 cells
+    target[30:32, 30:32] = 1  # a speck
+    weights = weighed(target)
+    assert weights[10:16, 10:21].sum() == pytest.approx(51 + 100, abs=4)
+    assert weights[30:32, 10:15].sum() == pytest.approx(10 + 100 * 10 / 20, abs=1)
+    assert weights[30:32, 30:32].sum() == 4
+    assert ((weights > 0) == (target > 0)).all()
+
+
+def test_a_piece_that_continues_beyond_the_search_weighs_its_cells() -> None:
+    target = np.zeros((40, 60), dtype=np.uint8)
+    target[10:15, 10:20] = 1
+    done = np.where(target > 0, 0, SWEPT).astype(np.uint8)
+    done[12, 20] = 0  # unswept and passable, but no path to it is known
+    assert weighed(target, done=done).sum() == 50
+    done[12, 20] = GIVEN_UP
+    assert weighed(target, done=done).sum() > 140
+    target[:] = 0
+    target[1:8, 10:20] = 1  # beside the border of the window
+    assert weighed(target).sum() == 70
+
+
+def best_lane(
+    target: np.ndarray, here: tuple[float, float], transit_share: float = 1.0
+) -> BestLane:
     ways = np.zeros(target.shape, dtype=np.int32)
     row, col = np.indices(target.shape)
     ways[:] = 10 * np.hypot(row - here[0], col - here[1])
     best = BestLane()
-    sums = np.zeros(target.shape[1], dtype=np.int32)
-    # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3)
+    sums = np.zeros((2, target.shape[1]), dtype=np.int32)
+    # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading; transit costs its time
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3, transit_share, 15.0, 1)
     scan_lanes(target, ways, here[0], here[1], 0.0, prices, best, sums)
     return best
 
@@ -203,6 +252,35 @@ def test_a_lane_is_taken_from_its_nearer_end() -> None:
     best = best_lane(target, (49.0, 95.0))
     assert best.row == 46
     assert best.backwards
+
+
+def test_a_large_distant_target_waits_if_transit_costs_more_than_its_time() -> None:
+    target = np.zeros((60, 260), dtype=np.uint8)
+    target[10:17, 20:80] = 1
+    target[10:17, 150:250] = 1
+    near = best_lane(target, (13.0, 90.0), 4.0)
+    far = best_lane(target, (13.0, 90.0))
+    assert (near.last, far.first) == (79, 150)
+    # the rate of a lane does not contain the additional cost
+    assert near.rate < far.rate
+    assert near.score < near.rate
+
+
+def test_a_small_piece_beside_the_robot_comes_before_a_long_lane() -> None:
+    target = np.zeros((60, 200), dtype=np.uint8)
+    target[10:15, 40:50] = 1
+    target[30:50, 60:190] = 1
+    here = (13.0, 38.0)
+    assert best_lane(target, here).row > 30
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3, 1.0, 15.0, CELL_WEIGHT)
+    weights = (weighed(target) * CELL_WEIGHT).astype(np.uint8)
+    row, col = np.indices(target.shape)
+    ways = (10 * np.hypot(row - here[0], col - here[1])).astype(np.int32)
+    best, sums = BestLane(), np.zeros((2, target.shape[1]), dtype=np.int32)
+    scan_lanes(weights, ways, *here, 0.0, prices, best, sums)
+    assert best.row < 20
+    assert best.new == 50
+    assert best.rate < best.score
 
 
 def seen(pose: Pose2) -> Observation:

@@ -107,6 +107,10 @@ def evidence_kernels(m: Any) -> list[object]:
     return [*given, swept, wall, inflated, visited, blocked]
 
 
+def lane_prices(m: Any) -> object:
+    return m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 3, 4.0, 5.0, 1)
+
+
 def lane_kernels(m: Any) -> list[object]:
     rng = np.random.default_rng(2)
     target_in = (floor(rng, 60, 80) == 2).astype(np.uint8)
@@ -116,8 +120,8 @@ def lane_kernels(m: Any) -> list[object]:
         target, ways = np.zeros((70, 90), np.uint8), np.zeros((70, 90), np.int32)
         m.turn_images(target_in, ways_in, angle, -3.0, 5.0, target, ways)
         for heading in (0.0, 3.0):
-            best, prices = m.BestLane(), m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 3)
-            sums = np.zeros(90, np.int32)
+            best, prices = m.BestLane(), lane_prices(m)
+            sums = np.zeros((2, 90), np.int32)
             m.scan_lanes(target, ways, 12.5, 40.0, heading, prices, best, sums)
             given += [*public(best), sums]
         given += [target, ways]
@@ -157,12 +161,15 @@ def window_kernels(m: Any) -> list[object]:
     for heading in (0.0, 2.9):
         best, prices = (
             m.BestPerimeter(),
-            m.PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4),
+            m.PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4, 4.0, 1.0),
         )
         m.scan_outlines(open_, ways, done, 20.0, 20.0, heading, prices, best)
         given += public(best)
     marked = target.copy()
-    return [*given, open_, done, ways, marked, m.keep_holes(target, hole, 4), target]
+    given.append(m.keep_holes(target, hole, 4))
+    weighed = marked.copy()
+    m.weigh_pieces(weighed, open_, done, ways, np.zeros(3000, np.int32), 100.0, 20, 3)
+    return [*given, open_, done, ways, marked, target, weighed]
 
 
 def raster_kernel(m: Any) -> list[object]:
