@@ -25,6 +25,8 @@ from bridge.motion.control.hidden_ahead import TOUCH_M_S
 from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from bridge.coverage.recovery.options import RecoveryOptions
@@ -260,6 +262,21 @@ class EvidenceMap:
         for mark in self.cliffs.marks:
             shut[self._disc(mark.x_m, mark.y_m, self.geometry.cliff_m)] = 1
         return self.blocked | shut, self.visited & (1 - shut)
+
+    def is_swept_path(self, points: Iterable[tuple[float, float]]) -> bool:
+        """Return True if the axle can be at every point, m, and each was visited or swept."""
+        blocked, visited = self.places()
+        rows, columns = self.shape
+        for point in points:
+            column, row = (int(at) for at in self.to_cells(*point))
+            if not (0 <= row < rows and 0 <= column < columns):
+                return False
+            free = self.swept[row, column] and not (
+                self.inflated[row, column] or blocked[row, column]
+            )
+            if not (visited[row, column] or free):
+                return False
+        return True
 
     def abandon(self, x_m: float, y_m: float, radius_m: float) -> None:
         """Count a fruitless attempt at the cells within a radius of a point, m."""

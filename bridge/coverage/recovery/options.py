@@ -141,6 +141,17 @@ class RecoveryOptions:
     """Speed through a slight bend, m/s."""
     corner_m_s: float = 0.05
     """Speed at the beginning of a turn in place, m/s. The turn ends this motion."""
+    u_turn_widths: tuple[float, float] = (0.5, 1.5)
+    """Minimum and maximum distance between two lanes for a U-turn, in widths of the mouth."""
+    u_turn_behind: float = 1.0
+    """Maximum distance of the next lane's beginning behind the robot for a U-turn, in widths of the
+    mouth. The robot then drives this distance on swept floor before the lane."""
+    u_turn_ahead: float = 3.0
+    """Maximum distance of the next lane's beginning ahead of the robot for a U-turn, in widths of
+    the mouth. The robot drives it before the U-turn."""
+    u_turn_radii: tuple[float, ...] = (0.5, 0.35, 0.225)
+    """Radii of a U-turn, relative to the distance between the lanes: the first with which the path
+    is free. A smaller radius needs less floor ahead, and more time."""
     blocked_m: float = 0.03
     """Minimum missing length with which a path segment counts as blocked, m."""
     passage_m: float = 0.4

@@ -27,7 +27,6 @@ from bridge.coverage.recovery.context import RecoveryContext
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Choice, Chooser
 from bridge.coverage.recovery.stuck import Verdict
-from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Leg
 from bridge.motion.robot_model import LOST
 
@@ -122,7 +121,7 @@ class RecoveryPlanner(ScriptedPlanner):
         """Sweep the chosen target and rate the result."""
         before = context.map.new_cells
         self.record.emit(events.chosen(choice))
-        begin = Pose2(*choice.path[-1], choice.heading_rad)
+        begin = choice.begin
         is_lane = choice.kind == "lane"
         region = context.occlusions.met(begin, choice.length_m) if is_lane else None
         context.recovering = region

@@ -10,7 +10,7 @@ from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.contact import react
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Leg, LegResult, StopReason
+from bridge.motion.legs import Leg, LegResult, StopReason, Turn
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Part = Generator[Leg, Step, LegResult]
 
 
-def drive(context: RecoveryContext, leg: Drive) -> Part:
-    """Drive a leg, add every obstacle to the map, and back off from a contact.
+def drive(context: RecoveryContext, leg: Drive | Turn) -> Part:
+    """Drive a leg or an arc, add every obstacle to the map, and back off from a contact.
 
     A wall with an unswept perimeter beside a lane also ends the lane. The robot then follows that
     wall.
@@ -39,7 +39,8 @@ def drive(context: RecoveryContext, leg: Drive) -> Part:
         context.record.decide("obstacle", "unknown wall beside the lane")
         yield from follow_perimeter(context, left=monitor.beside > 0)
         return result
-    yield from react(context, result, leg.heading_rad)
+    heading_rad = result.pose.theta_rad if isinstance(leg, Turn) else leg.heading_rad
+    yield from react(context, result, heading_rad)
     return result
 
 

@@ -8,6 +8,7 @@ from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
 from bridge.coverage.recovery.behaviours.transit import transit
+from bridge.coverage.recovery.behaviours.u_turn import UTurn, offset
 from bridge.coverage.recovery.occlusions import MIN_M
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, StopReason
@@ -40,20 +41,24 @@ def approach_wall(context: RecoveryContext) -> Generator[Leg, Step]:
 
 def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
     """Drive to a lane and sweep it. Return True if the robot reached the lane's beginning."""
-    if not (yield from transit(context, choice)):
+    u_turn = UTurn.into(context, choice)
+    if not (yield from u_turn.drive(context) if u_turn else transit(context, choice)):
         return False
     yield from turn(context, choice.heading_rad, context.options.bend_rad)
     context.enter("lane", choice.path[-1])
+    before_m, across_m = offset(context.pose, choice.begin)
+    length_m = before_m + choice.length_m
     leg = Drive(
         choice.heading_rad,
-        choice.length_m + 0.5 * context.geometry.cell_m,
+        length_m + 0.5 * context.geometry.cell_m,
         speed_m_s=context.geometry.lane_speed_m_s,
         stop_range_m=context.geometry.stop_range_m,
         wary=True,
         purpose="lane",
+        across_m=across_m,
     )
     result = yield from drive(context, leg)
-    _record_lane(context, result, choice.length_m)
+    _record_lane(context, result, length_m)
     yield from follow_obstacle(context, result)
     return True
 
