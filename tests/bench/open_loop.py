@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from support.open_loop_replay import compare_recorded, lines, record_run
+from support.recording_comparison import compare_recorded, lines, record_run
 
 
 def main() -> int:

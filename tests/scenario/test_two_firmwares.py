@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from sim_device.line import line
 from sim_device.line.line import LineSettings
-from support.open_loop_replay import compare_recorded, lines, record_run, recorded
 from support.random_scripts import FAIR, HOSTILE, SENSED, write
+from support.recording_comparison import compare_recorded, lines, record_run, recorded
 from support.rigs import OPEN_FLOOR, Drive, rig
-from support.script_comparison import compare
+from support.scripted_model import compare
 
 pytestmark = pytest.mark.slow
 

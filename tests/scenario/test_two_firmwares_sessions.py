@@ -36,8 +36,8 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import Frame, UartParser
 from support.core_build import script_board
 from support.random_scripts import Writer, f32
-from support.script_comparison import compare
 from support.script_format import Boot, LoseSupply, Readings, Step
+from support.scripted_model import compare
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message

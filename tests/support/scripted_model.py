@@ -1,9 +1,11 @@
-"""Runs the Python firmware on the scripts of the C firmware's script board."""
+"""Runs the Python firmware on the scripts of the C firmware's script board, and compares both."""
 
 from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING
+
+import pytest
 
 from bridge.motion.robot_model import RobotModel
 from protocol.can.frames import RECORD
@@ -18,7 +20,17 @@ from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
 from sim_device.sensors.power_monitor import PowerReading
 from sim_device.sensors.rangers import Ranges
-from support.script_format import NO_RANGE, Boot, Held, LoseSupply, Readings, Reported, Step
+from support.core_build import script_board
+from support.script_format import (
+    NO_RANGE,
+    Boot,
+    Held,
+    LoseSupply,
+    Readings,
+    Reported,
+    Step,
+    frames,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -168,6 +180,22 @@ class ScriptedModel:
             control.drivers.enabled,
             wrote,
         )
+
+
+def compare(acts: list[Act], *, can: bool = False) -> list[Reported]:
+    """Run both firmwares and compare their state and output after each step.
+
+    Returns the reports of the C firmware.
+    """
+    cores, models = script_board().run(acts), ScriptedModel().run(acts)
+    assert len(cores) == len(models)
+    for number, (core, model) in enumerate(zip(cores, models, strict=True)):
+        assert frames(core.wrote, can=can) == frames(model.wrote, can=can), number
+        assert core._replace(wrote=b"", motors=(0, 0)) == model._replace(wrote=b"", motors=(0, 0))
+        # The C core computes in single precision and the Python model in double precision. So a
+        # duty may differ by one step, 1/10 000.
+        assert core.motors == pytest.approx(model.motors, abs=1), number
+    return cores
 
 
 def _held(watchdog: Watchdog, first_step: float, second_step: float) -> Held:
