@@ -393,6 +393,21 @@ def test_an_unexpected_interrupt_calls_the_fault_handler(
     debugger.run_to("main")
 
 
+@CHIP
+def test_a_crash_is_reported_once(debugger: Debugger) -> None:
+    """The record stays in memory during each later reset."""
+    assert debugger.result_of("startup_take_crash") == 0
+    debugger.run_to("plant_send")
+    debugger.store(NVIC_ISER, 1)
+    debugger.store(NVIC_ISPR, 1)
+    debugger.run_to("fault_handler")
+    assert debugger.result_of("startup_take_crash") != 0
+    for _ in range(3):
+        debugger.run_to("plant_send")
+        debugger.start_without_reset()
+        assert debugger.result_of("startup_take_crash") == 0
+
+
 @CROSS
 @pytest.mark.parametrize("name", BOARDS)
 def test_the_vector_table_covers_every_interrupt(built: Path, name: str) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ANSWER_S = 30.0
 """Time limit of an answer, s: far more than the start of the program needs."""
-_SP, _PC, _XPSR = 13, 15, 25
+_R0, _SP, _LR, _PC, _XPSR = 0, 13, 14, 15, 25
 _EXCEPTION = 0x1FF
 _STR_R1_R0 = 0x6001
 """The instruction ``str r1, [r0]``."""
@@ -85,6 +85,17 @@ class Debugger:
         assert breakpoints[self._register(_PC)] == function
         for address in breakpoints:
             self._change(f"z0,{address:x},2")
+
+    def result_of(self, function: str) -> int:
+        """Let the chip run until the function has returned; return its result."""
+        self.run_to(function)
+        caller = self._register(_LR) & ~1
+        self._change(f"Z0,{caller:x},2")
+        stopped = self._command("c")
+        assert stopped.startswith("T05"), stopped
+        assert self._register(_PC) == caller
+        self._change(f"z0,{caller:x},2")
+        return self._register(_R0)
 
     def _register(self, number: int) -> int:
         return int.from_bytes(bytes.fromhex(self._command(f"p{number:x}")), "little")

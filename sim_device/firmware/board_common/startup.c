@@ -129,7 +129,7 @@ __attribute__((naked)) void fault_handler(void) {
 const board_crash_t *startup_take_crash(void) {
     const bool whole = kept.check == check_of(&kept.record);
     taken = kept.record;
-    kept.check = ~kept.check;
+    kept.check = ~check_of(&kept.record);
     return whole ? &taken : NULL;
 }
 
