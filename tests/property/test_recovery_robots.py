@@ -61,7 +61,7 @@ def swept(seed: int) -> tuple[RobotModel, str | None, CoverageReport]:
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("count", [4, pytest.param(200, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [10, pytest.param(200, marks=pytest.mark.nightly)])
 def test_every_robot_ends_by_itself_and_few_leave_a_hole(count: int) -> None:
     fine = 0
     for seed in range(count):
