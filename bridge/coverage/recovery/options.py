@@ -80,7 +80,7 @@ class RecoveryOptions:
     transit_share: float = 4.0
     """Cost of transit in the comparison of targets, relative to its time. The robot must sweep all
     targets, so a distant target is not better because it is large: it is swept later, with less
-    transit. With 1 the path is 2 % longer. With 4, one of 100 random robots did not get through a
+    transit. With 1 the path is 1 % longer. With 4, one of 100 random robots did not get through a
     door that is 1 cm wider than the robot; with 2, each did."""
     return_m: float = 1.0
     """Transit that a return to a small piece of unswept floor costs, m. A lane that leaves no such

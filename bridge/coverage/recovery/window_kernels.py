@@ -353,9 +353,9 @@ def scan_outlines(
             if path > prices.near_cost:
                 off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
                 time += off * prices.turn_s_rad
-            if prices.cells / time < prices.min_rate:
-                continue
             rate = prices.cells / time
+            if rate < prices.min_rate:
+                continue
             far = max(path - prices.near_cost, 0.0) * prices.cost_cm / prices.speed_cm_s
             score = prices.cells / (time + (prices.transit_share - 1.0) * far)
             if score > best.score:

@@ -129,7 +129,7 @@ def test_the_legs_lead_to_the_lane(free_m: float, x_m: float, side: int) -> None
     assert arrived
     assert made.pose.y_m == pytest.approx(side * 0.14, abs=1e-6)
     assert abs(math.remainder(made.pose.theta_rad - math.pi, math.tau)) < 1e-6
-    assert offset(made.pose, turn.lane)[0] == pytest.approx(-x_m, abs=1e-6)
+    assert offset(made.pose, turn.choice.begin)[0] == pytest.approx(-x_m, abs=1e-6)
     assert len(legs) == (1 if free_m > 0.1 else 3)
     arcs = [leg.across_m for leg in legs if isinstance(leg, Turn)]
     assert all(across * side < 0.0 for across in arcs)
@@ -143,7 +143,7 @@ def test_a_lane_that_begins_ahead_is_reached_by_a_drive_before_the_arc() -> None
     assert arrived
     assert isinstance(legs[0], Drive)
     assert legs[0].distance_m == pytest.approx(0.2)
-    assert offset(made.pose, turn.lane)[0] == pytest.approx(0.0, abs=1e-6)
+    assert offset(made.pose, turn.choice.begin)[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_contact_ends_the_turn_and_the_robot_backs_off_against_its_heading() -> None:
@@ -157,3 +157,27 @@ def test_a_contact_ends_the_turn_and_the_robot_backs_off_against_its_heading() -
     assert back.distance_m is not None
     assert back.distance_m < 0.0
     assert "blocked" in [event.kind for event in made.record.drain()]
+
+
+def test_a_robot_that_has_passed_the_line_turns_in_place() -> None:
+    made = context(free_m=0.055)
+    turn = UTurn.into(made, lane(0.0, 0.14))
+    assert turn is not None
+    script = turn.drive(made)
+    leg = next(script)
+    for pose in (Pose2(0.05, 0.05, 0.5 * math.pi), Pose2(0.05, 0.15, 0.5 * math.pi)):
+        obs = made.obs._replace(pose=pose, time_s=made.obs.time_s + 1.0)
+        made.monitor.observe(obs)
+        leg = script.send(Step(LegResult(leg, StopReason.DONE, 0.1, 1.0, pose), obs))
+    assert isinstance(leg, Turn)
+    assert leg.across_m == 0.0
+    assert leg.heading_rad == pytest.approx(-math.pi)
+
+
+def test_a_path_is_swept_only_within_the_map() -> None:
+    made = context()
+    assert made.map.is_swept_path([(0.0, 0.0), (0.2, 0.1)])
+    assert not made.map.is_swept_path([(0.0, 0.0), (0.4, 0.0)])
+    assert not made.map.is_swept_path([(0.0, 0.0), (-99.0, 0.0)])
+    made.map.block(0.2, 0.1, 0.03)
+    assert not made.map.is_swept_path([(0.2, 0.1)])

@@ -60,29 +60,46 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
         heading, distance = course(context.pose, x, y)  # the robot may have moved in the turn
         if distance < _NO_LEG_M:
             continue
-        leg = Drive(
-            heading,
-            distance,
-            speed_m_s=context.geometry.lane_speed_m_s,
-            stop_range_m=context.geometry.stop_range_m,
-            end_m_s=end_speed(context.options, choice, k, heading),
-            wary=True,
-            purpose="transit",
-        )
+        leg = straight(context, heading, distance, end_speed(context.options, choice, k, heading))
         result = yield from drive(context, leg)
         if result.reason.blocked and distance - result.distance_m > context.options.blocked_m:
-            reason = f"the path to the {choice.kind} ended early: {result.reason}"
-            context.record.decide("blocked", reason)
-            if choice.kind == "heading-fix":
-                inflated = (
-                    math.dist(context.pose[:2], choice.path[-1]) < context.geometry.same_place_m
-                )
-                return inflated and result.reason in _CONTACT
-            if not (yield from follow_obstacle(context, result)):
-                context.stuck.blocked(result, heading)
-                yield from _seek_passage(context, result, choice.new_m2)
-            return False
+            return (yield from take_block(context, choice, result, heading))
     return True
+
+
+def straight(
+    context: RecoveryContext, heading_rad: float, distance_m: float, end_m_s: float
+) -> Drive:
+    """Return the leg for a straight part of a path to a choice."""
+    return Drive(
+        heading_rad,
+        distance_m,
+        speed_m_s=context.geometry.lane_speed_m_s,
+        stop_range_m=context.geometry.stop_range_m,
+        end_m_s=end_m_s,
+        wary=True,
+        purpose="transit",
+    )
+
+
+def take_block(
+    context: RecoveryContext, choice: Choice, result: LegResult, heading_rad: float
+) -> Generator[Leg, Step, bool]:
+    """Follow the obstacle that ended the path to a choice early, or seek a passage.
+
+    Returns:
+        True if the obstacle is the wall to which a heading fix drives.
+
+    """
+    reason = f"the path to the {choice.kind} ended early: {result.reason}"
+    context.record.decide("blocked", reason)
+    if choice.kind == "heading-fix":
+        near = math.dist(context.pose[:2], choice.path[-1]) < context.geometry.same_place_m
+        return near and result.reason in _CONTACT
+    if not (yield from follow_obstacle(context, result)):
+        context.stuck.blocked(result, heading_rad)
+        yield from _seek_passage(context, result, choice.new_m2)
+    return False
 
 
 def _seek_passage(

@@ -9,8 +9,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.obstacle_following import drive
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER
+from bridge.coverage.recovery.behaviours.transit import straight, take_block
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, Turn
 
@@ -30,17 +31,15 @@ _SAMPLES = 5
 
 @dataclass(frozen=True, slots=True)
 class UTurn:
-    """A drive straight ahead, an arc of 90°, a drive to the side, and a second arc of 90°.
+    """A drive straight ahead, an arc of 90°, a drive to the side, and a second arc of 90°."""
 
-    Distances are in m, in the frame of the next lane: its beginning and its heading.
-    """
-
-    lane: Pose2
-    """Beginning and heading of the next lane."""
+    choice: Choice
+    """The next lane."""
     across_m: float
-    """Distance of the next lane to the left of its heading, from the robot's line."""
+    """Distance of the lane from the robot's line, m; positive: to the left of the lane's
+    heading."""
     ahead_m: float
-    """Distance that the robot drives before the first arc."""
+    """Distance that the robot drives before the first arc, m."""
     radius_m: float
 
     @classmethod
@@ -49,8 +48,7 @@ class UTurn:
 
         None: the lane is not beside the robot, or the path is not free and swept.
         """
-        options, width_m = context.options, context.geometry.width_m
-        lane = choice.begin
+        options, width_m, lane = context.options, context.geometry.width_m, choice.begin
         if abs(wrap_angle(lane.theta_rad + math.pi - context.pose.theta_rad)) > options.bend_rad:
             return None
         before_m, across_m = offset(context.pose, lane)
@@ -60,78 +58,66 @@ class UTurn:
         if not -options.u_turn_ahead * width_m < before_m < options.u_turn_behind * width_m:
             return None
         for share in options.u_turn_radii:
-            turn = cls(lane, across_m, max(-before_m, 0.0), share * abs(across_m))
+            turn = cls(choice, across_m, max(-before_m, 0.0), share * abs(across_m))
             if context.map.is_swept_path(turn.points(context.pose)):
                 return turn
         return None
 
     def points(self, pose: Pose2) -> Iterator[tuple[float, float]]:
         """Yield points of the path from a pose, m."""
-        side, width_m, radius_m = (
-            math.copysign(1.0, self.across_m),
-            abs(self.across_m),
-            self.radius_m,
-        )
-        frame = Pose2(pose.x_m, pose.y_m, self.lane.theta_rad)
+        frame = Pose2(pose.x_m, pose.y_m, self.choice.heading_rad)
+        radius_m = self.radius_m
         for k in range(_SAMPLES):
             share = k / (_SAMPLES - 1)
             yield frame.transform(-share * self.ahead_m, 0.0)
             along_m = self.ahead_m + radius_m * math.sin(QUARTER * share)
-            across_m = radius_m * (1.0 - math.cos(QUARTER * share))
-            yield frame.transform(-along_m, side * across_m)
-            yield frame.transform(-along_m, side * (width_m - across_m))
+            aside_m = radius_m * (1.0 - math.cos(QUARTER * share))
+            yield frame.transform(-along_m, self._side * aside_m)
+            yield frame.transform(-along_m, self.across_m - self._side * aside_m)
 
     def drive(self, context: RecoveryContext) -> Generator[Leg, Step, bool]:
         """Drive the U-turn. Return True if the robot is at the lane."""
-        context.enter("transit", (self.lane.x_m, self.lane.y_m))
+        lane, end_m_s = self.choice.begin, context.options.bend_m_s
+        context.enter("transit", self.choice.path[-1])
         context.stuck.begin_transit()
-        heading_rad, side = self.lane.theta_rad, math.copysign(1.0, self.across_m)
-        if self.ahead_m > _NO_LEG_M and not (
-            yield from self._leg(context, self._drive(context, heading_rad + math.pi, self.ahead_m))
-        ):
-            return False
+        parts: list[Drive | Turn] = []
+        if self.ahead_m > _NO_LEG_M:
+            parts.append(straight(context, lane.theta_rad + math.pi, self.ahead_m, end_m_s))
         between_m = abs(self.across_m) - 2.0 * self.radius_m
         if between_m > _NO_LEG_M:
-            aside_rad = heading_rad + side * QUARTER
-            arc = self._arc(aside_rad, side * self.radius_m)
-            if not (yield from self._leg(context, arc)):
+            aside_rad = lane.theta_rad + self._side * QUARTER
+            parts.append(_arc(aside_rad, self._side * self.radius_m))
+            parts.append(straight(context, aside_rad, between_m, end_m_s))
+        for part in parts:
+            if not (yield from self._reaches_end(context, part)):
                 return False
-            if not (yield from self._leg(context, self._drive(context, aside_rad, between_m))):
-                return False
-        _, across_m = offset(context.pose, self.lane)
-        return (yield from self._leg(context, self._arc(heading_rad, across_m)))
+        _, across_m = offset(context.pose, lane)
+        if across_m * self.across_m < 0.0:
+            across_m = 0.0  # the robot has passed the line: turn in place
+        return (yield from self._reaches_end(context, _arc(lane.theta_rad, across_m)))
 
     # -- internal ------------------------------------------------------------------------------
 
-    def _drive(self, context: RecoveryContext, heading_rad: float, distance_m: float) -> Drive:
-        return Drive(
-            heading_rad,
-            distance_m,
-            speed_m_s=context.geometry.lane_speed_m_s,
-            stop_range_m=context.geometry.stop_range_m,
-            end_m_s=context.options.bend_m_s,
-            wary=True,
-            purpose="transit",
-        )
+    @property
+    def _side(self) -> float:
+        """1 if the lane is to the left of its heading, from the robot; else -1."""
+        return math.copysign(1.0, self.across_m)
 
-    @staticmethod
-    def _arc(heading_rad: float, across_m: float) -> Turn:
-        return Turn(wrap_angle(heading_rad), flowing=True, across_m=across_m, purpose="transit")
-
-    @staticmethod
-    def _leg(context: RecoveryContext, leg: Drive | Turn) -> Generator[Leg, Step, bool]:
-        """Drive a part. Return True if the robot has reached its end."""
-        result = yield from drive(context, leg)
+    def _reaches_end(
+        self, context: RecoveryContext, part: Drive | Turn
+    ) -> Generator[Leg, Step, bool]:
+        result = yield from drive(context, part)
         if not result.reason.blocked:
             return True
-        context.record.decide("blocked", f"the U-turn to the lane ended early: {result.reason}")
-        if not (yield from follow_obstacle(context, result)):
-            context.stuck.blocked(result, result.pose.theta_rad)
-        return False
+        return (yield from take_block(context, self.choice, result, result.pose.theta_rad))
+
+
+def _arc(heading_rad: float, across_m: float) -> Turn:
+    return Turn(wrap_angle(heading_rad), flowing=True, across_m=across_m, purpose="transit")
 
 
 def offset(pose: Pose2, lane: Pose2) -> tuple[float, float]:
-    """Return the position of the lane's beginning in the frame of its heading, from a pose, m."""
+    """Return how far the lane begins ahead of a pose, and to the left, along the lane's axes, m."""
     dx, dy = lane.x_m - pose.x_m, lane.y_m - pose.y_m
     c, s = math.cos(lane.theta_rad), math.sin(lane.theta_rad)
     return dx * c + dy * s, dy * c - dx * s
