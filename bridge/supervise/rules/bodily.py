@@ -21,7 +21,7 @@ TILT_SMOOTH_S = 0.2
 """Time constant of the accelerometer's smoothing, s. It is longer than a bump and shorter than a
 tilt."""
 JOLT_M_S2 = 1.5
-"""Minimum vertical acceleration without gravity that counts as a jolt, m/s²."""
+"""Vertical acceleration without gravity above which it counts as a jolt, m/s²."""
 JOLT_SMOOTH_S = 0.08
 """Time constant of the smoothing of this acceleration, s. A person's lifting takes 0.2 s. A third
 of a vibration remains."""

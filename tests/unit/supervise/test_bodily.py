@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -122,6 +123,54 @@ def test_vibration_and_a_bias_are_no_jolt() -> None:
         up = round(G_LSB * (1.10 + (0.12 if number % 3 == 0 else -0.06)))
         held = walk.step(1, imu=imu(0, 0, up), range=reading(contacts=CLIFF if number > 150 else 0))
         assert not held
+
+
+@pytest.mark.parametrize(("steps", "found"), [(5, False), (6, True)])
+def test_an_acceleration_becomes_a_jolt_with_the_time_constants_of_the_rule(
+    steps: int, *, found: bool
+) -> None:
+    """After n steps of 20 ms, 2 m/s² become 2 · (0.99^n - 0.75^n): 1.43 after five, 1.53 after six.
+
+    0.75 and 0.99 are 1 - 20 ms / 80 ms and 1 - 20 ms / 2 s.
+    """
+    walk = Walk(Lifted())
+    walk.step(10, imu=imu(), range=reading())
+    jolt(walk, round(G_LSB * (1.0 + 2.0 / 9.80665)), steps)
+    assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
+
+
+@pytest.mark.parametrize(("steps", "found"), [(64, True), (72, False)])
+def test_a_lasting_acceleration_becomes_gravity(steps: int, *, found: bool) -> None:
+    """1.8 m/s² exceed 1.5 m/s² while 0.99^n > 0.83, for 18 steps. A jolt counts for 50 steps."""
+    walk = Walk(Lifted())
+    jolt(walk, round(G_LSB * (1.0 + 1.8 / 9.80665)), steps)
+    assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
+
+
+def test_one_sample_counts_once() -> None:
+    walk = Walk(Lifted())
+    walk.step(20, imu=imu(0, 0, JOLT), range=reading())  # the same sample in each step
+    assert not walk.step(1, imu=imu(), range=reading(contacts=CLIFF))
+
+
+@pytest.mark.parametrize(
+    ("up_m_s2", "step_s", "found"),
+    [
+        (1.0, 0.3, False),  # longer than the time constant of a jolt: not more than the sample
+        (4.0, 3.0, False),  # longer than that of gravity, which is then the sample
+        (3.0, 1.0, False),  # 3 m/s², less half of it as gravity: exactly the limit
+        (3.1, 1.0, True),
+    ],
+)
+def test_a_long_step_smooths_no_sample_beyond_itself(
+    up_m_s2: float, step_s: float, *, found: bool
+) -> None:
+    rule = Lifted()
+    sample: Any = SimpleNamespace(accel_z_m_s2=9.80665 + up_m_s2)
+    step: Any = SimpleNamespace(step_s=step_s)
+    inputs = RuleInputs(time_s=1.0, pose=Pose2(0.0, 0.0, 0.0), v_m_s=0.0, yaw_rate_rad_s=0.0)
+    assert not rule.holds(inputs._replace(imu=sample, range=reading()), step)
+    assert rule.holds(inputs._replace(imu=sample, range=reading(contacts=CLIFF)), step) is found
 
 
 def test_a_jolt_alone_and_a_cliff_alone_are_none() -> None:
