@@ -31,6 +31,8 @@ class Observation(NamedTuple):
     heading_sigma_rad: float = 0.0
     """Standard deviation of the heading relative to the orthogonal walls, rad. A drive along such a
     wall reduces it. 0: no such walls."""
+    lateral_sigma_m: float = 0.0
+    """Standard deviation of the position across the heading, m."""
 
 
 class VelocityCommand(NamedTuple):

@@ -466,6 +466,7 @@ class Host:
             estimator.yaw_rate_rad_s,
             estimator.gyro_bias_sigma_rad_s,
             self.localisation.heading_sigma_rad,
+            estimator.lateral_sigma_m,
         )
         stale = self._stale(now_ns)
         if self._is_silent(now_ns):

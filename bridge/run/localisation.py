@@ -111,4 +111,5 @@ class Localisation:
             self.estimator.yaw_rate_rad_s,
             (message.infrared_left_m, message.infrared_right_m),
             self._walls.walls,
+            self.estimator.sigma_along_m,
         )

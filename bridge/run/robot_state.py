@@ -164,6 +164,7 @@ class RobotState:
         yaw_rate_rad_s: float,
         gyro_bias_sigma_rad_s: float = 0.0,
         heading_sigma_rad: float = 0.0,
+        lateral_sigma_m: float = 0.0,
     ) -> Observation | None:
         """Return the input of planner and controllers; None before the first range sample."""
         reading = self.range
@@ -188,6 +189,7 @@ class RobotState:
             *self._readings,
             gyro_bias_sigma_rad_s,
             heading_sigma_rad,
+            lateral_sigma_m,
         )
 
     def forget(self) -> None:

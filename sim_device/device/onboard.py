@@ -152,6 +152,7 @@ class Onboard:
                 cliff,
                 estimator.gyro_bias_sigma_rad_s,
                 self._walls.walls.heading_sigma_rad,
+                estimator.lateral_sigma_m,
             )
         )
 

@@ -162,6 +162,7 @@ class FastWorld:
             bool(s[8]),
             bool(s[9]),
             cliff=False,
+            lateral_sigma_m=noise.position_m,
         )
 
 

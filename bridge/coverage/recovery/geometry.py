@@ -22,8 +22,7 @@ _CELLS_PER_RADIUS = 8.0
 """Minimum number of cells per footprint radius. It limits the cell size of a robot with a wide
 mouth, because large cells close narrow passages."""
 _MAX_MARGIN_M = 0.01
-"""Maximum length at each end of the mouth that does not count as swept, m. It allows for the pose
-uncertainty."""
+"""Maximum length at each end of the mouth that the search does not expect to sweep, m."""
 _EXACT = 9
 """Number of decimals of rounded values: a nanometre. Products then equal the documented values."""
 
@@ -54,7 +53,14 @@ class PlannerGeometry:
 
     # -- the map -------------------------------------------------------------------------------
     mouth_cells: float
-    """Half width of the mouth minus the margin for the pose uncertainty (3.5)."""
+    """Half width of the mouth that the search expects to sweep (3.5)."""
+    half_width_cells: float
+    """Half width of the mouth (4)."""
+    margin_sigmas: float
+    """Length at each end of the mouth that does not count as swept, in standard deviations of the
+    position across the heading (0.4)."""
+    margin_cells: tuple[float, float]
+    """Minimum and maximum of this length (0.15 and 1)."""
     inflation_cells: float
     """Distance from an obstacle within which the axle cannot be (7.7). It is smaller than the
     radius by a third of a cell, so that narrow passages stay open in the grid."""
@@ -76,12 +82,10 @@ class PlannerGeometry:
     """Minimum distance from a cliff at which a perimeter pass may begin (0.42)."""
 
     # -- the search ----------------------------------------------------------------------------
-    lane_cells: int
-    """Number of rows on each side of a lane's row that the mouth sweeps (3)."""
+    lane_rows: int
+    """Maximum number of rows that a lane sweeps (7)."""
     ahead_cells: int
     """Distance of the mouth ahead of the axle, in whole cells (0)."""
-    target_cells_2: int
-    """Square of the maximum distance from the axle at which the mouth sweeps a cell (12)."""
     turning_cells_2: int
     """Square of the maximum distance from the axle at which the mouth sweeps a cell during a turn
     in place (12). It is larger if the mouth is ahead of the axle."""
@@ -204,6 +208,12 @@ class PlannerGeometry:
             scale=scale,
             cell_m=cell_m,
             mouth_cells=half,
+            half_width_cells=_exact(0.5 * width_m / cell_m),
+            margin_sigmas=options.margin_sigmas,
+            margin_cells=(
+                _exact(options.min_margin_m / cell_m),
+                _exact(options.max_margin * width_m / cell_m),
+            ),
             inflation_cells=_exact(radius_m / cell_m - options.inflation_margin_cells),
             clear_cells=_exact(radius_m / cell_m - 1.0),
             rim_cells=_exact(0.035 / cell_m),
@@ -211,9 +221,9 @@ class PlannerGeometry:
             cliff_m=_exact(0.5 * model.wheel_base_m + 0.105 * scale),
             cliff_slow_m=_exact(radius_m + 0.19),
             cliff_perimeter_m=_exact(radius_m + 0.26),
-            lane_cells=max(min(round(half - 0.5), int(_exact(0.5 * width_m / cell_m - 0.5))), 1),
+            lane_rows=2 * max(min(round(half - 0.5), int(_exact(0.5 * width_m / cell_m - 0.5))), 1)
+            + 1,
             ahead_cells=round(ahead_m / cell_m),
-            target_cells_2=int(half * half),
             turning_cells_2=int((ahead_m**2 + half_m**2) / cell_m**2),
             beside_cells=max(round(0.5 * width_m / cell_m), 2),
             hole_cells=max(round(0.5 * width_m / cell_m), 2),
@@ -254,6 +264,15 @@ class PlannerGeometry:
             worth_m2=_exact(0.1875 * width_m),
             min_wall_cells=round(0.24 / cell_m),
         )
+
+    def swept_cells(self, lateral_sigma_m: float) -> float:
+        """Return half the width of the strip that certainly counts as swept, cells.
+
+        ``lateral_sigma_m`` is the standard deviation of the position across the heading, m.
+        """
+        low, high = self.margin_cells
+        margin = self.margin_sigmas * lateral_sigma_m / self.cell_m
+        return self.half_width_cells - min(max(margin, low), high)
 
     def area_m2(self, cells: float) -> float:
         """Return the area of a number of cells, m²."""

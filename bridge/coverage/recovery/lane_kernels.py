@@ -45,8 +45,8 @@ class LanePrices:
     """Minimum number of new cells for a lane."""
     gap_cells = cython.declare(cython.int, visibility="public")
     """Maximum number of swept cells within the lane."""
-    half_cells = cython.declare(cython.int, visibility="public")
-    """Number of rows that the lane sweeps on each side of its own row."""
+    rows = cython.declare(cython.int, visibility="public")
+    """Number of rows that the lane sweeps. If it is even, the axle drives between two rows."""
     transit_share = cython.declare(cython.double, visibility="public")
     """Cost of the path to the lane in the comparison of targets, relative to its time."""
     min_rate = cython.declare(cython.double, visibility="public")
@@ -67,7 +67,7 @@ class LanePrices:
         near_cost: cython.double,
         min_cells: cython.int,
         gap_cells: cython.int,
-        half_cells: cython.int,
+        rows: cython.int,
         transit_share: cython.double,
         min_rate: cython.double,
         cell_weight: cython.int,
@@ -77,7 +77,7 @@ class LanePrices:
         self.speed_cm_s, self.turn_s_rad, self.stop_s = speed_cm_s, turn_s_rad, stop_s
         self.frontier, self.heading_rad = frontier, heading_rad
         self.cell_cm, self.cost_cm, self.near_cost = cell_cm, 0.1 * cell_cm, near_cost
-        self.min_cells, self.gap_cells, self.half_cells = min_cells, gap_cells, half_cells
+        self.min_cells, self.gap_cells, self.rows = min_cells, gap_cells, rows
         self.transit_share, self.min_rate = transit_share, min_rate
         self.cell_weight, self.ahead_cells = cell_weight, ahead_cells
 
@@ -93,6 +93,7 @@ class BestLane:
     rate = cython.declare(cython.double, visibility="public")
     """New cells per second, minus the cost of the frontier."""
     row = cython.declare(cython.int, visibility="public")
+    """Middle row, or the row after the middle."""
     first = cython.declare(cython.int, visibility="public")
     """First column of the axle. ``last`` is the last column of the axle."""
     last = cython.declare(cython.int, visibility="public")
@@ -207,7 +208,8 @@ def scan_lanes(
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
-    half: cython.int = prices.half_cells
+    below: cython.int = prices.rows // 2
+    above: cython.int = (prices.rows - 1) // 2
     gap: cython.int = prices.gap_cells
     r: cython.int
     k: cython.int
@@ -226,17 +228,17 @@ def scan_lanes(
     unit: cython.double = 1.0 / prices.cell_weight
     for k in range(cols):
         sums[0, k] = sums[1, k] = 0
-    for r in range(min(2 * half, rows)):
+    for r in range(min(below + above, rows)):
         for k in range(cols):
             sums[0, k] += 1 if target[r, k] else 0
             sums[1, k] += target[r, k]
-    for r in range(half, rows - half - 1):
+    for r in range(below, rows - above - 1):
         for k in range(cols):
-            sums[0, k] += 1 if target[r + half, k] else 0
-            sums[1, k] += target[r + half, k]
-            if r - half - 1 >= 0:
-                sums[0, k] -= 1 if target[r - half - 1, k] else 0
-                sums[1, k] -= target[r - half - 1, k]
+            sums[0, k] += 1 if target[r + above, k] else 0
+            sums[1, k] += target[r + above, k]
+            if r - below - 1 >= 0:
+                sums[0, k] -= 1 if target[r - below - 1, k] else 0
+                sums[1, k] -= target[r - below - 1, k]
         k = 0
         while k < cols:
             if ways[r, k] < 0 or sums[0, k] == 0:
@@ -252,8 +254,8 @@ def scan_lanes(
                     new += sums[0, k]
                     weight += sums[1, k]
                     for side in range(2):
-                        rim = r + half if side else r - half
-                        out = r + half + 1 if side else r - half - 1
+                        rim = r + above if side else r - below
+                        out = r + above + 1 if side else r - below - 1
                         if out < 0 or out >= rows or not target[rim, k]:
                             continue
                         edges += 1 if target[out, k] else -1

@@ -106,6 +106,8 @@ class EvidenceMap:
         self._readings: tuple[float | None, float | None] = (None, None)
         self._read_s = -1.0
         self.new_cells = 0
+        self.swept_cells = geometry.swept_cells(0.0)
+        """Half the width of the strip that counts as swept, cells."""
         clear_body(self.wall, self.inflated, self.visited, x, y, self._inner, self._reach)
 
     @property
@@ -150,6 +152,7 @@ class EvidenceMap:
         x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
         lx, ly, lth = self._last
         turned = abs(math.remainder(pose.theta_rad - lth, math.tau))
+        self.swept_cells = self.geometry.swept_cells(obs.lateral_sigma_m)
         if abs(x - lx) + abs(y - ly) > _MOVED_CELLS or turned > _TURNED_RAD:
             self.new_cells += sweep(
                 self.swept,
@@ -159,7 +162,7 @@ class EvidenceMap:
                 x,
                 y,
                 pose.theta_rad,
-                self.geometry.mouth_cells,
+                self.swept_cells,
                 self._ahead,
             )
             self._last = (x, y, pose.theta_rad)

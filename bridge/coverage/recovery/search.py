@@ -201,7 +201,7 @@ class Chooser:
             window.done,
             window.target,
             window.ways,
-            geometry.target_cells_2,
+            int(window.reach_cells**2),
         )
         self.left_m2 = geometry.area_m2(left)
         if holes:
@@ -235,7 +235,7 @@ class Chooser:
                     ways,
                     *image.place(x, y, across=across),
                     pose.theta_rad - grid_rad,
-                    _lane_prices(geometry, across * _QUARTER, min_rate),
+                    _lane_prices(window, across * _QUARTER, min_rate),
                     best[across],
                     self._buffers.ints("sums", (2, target.shape[1])),
                 )
@@ -263,7 +263,8 @@ class Chooser:
     def _lane(self, window: SearchWindow, image: Turned, found: BestLane, across: int) -> Choice:
         geometry = window.geometry
         begin, end = (found.last, found.first) if found.backwards else (found.first, found.last)
-        x, y = image.point(found.row + 0.5, begin + 0.5, across=across)
+        middle = found.row + 0.5 * (window.lane_rows % 2)
+        x, y = image.point(middle, begin + 0.5, across=across)
         heading = image.angle_rad + across * _QUARTER + (math.pi if found.backwards else 0.0)
         path = window.path(int(y), int(x))
         return Choice(
@@ -300,7 +301,8 @@ def _perimeter_costs(geometry: PlannerGeometry, min_rate: float) -> PerimeterCos
     )
 
 
-def _lane_prices(geometry: PlannerGeometry, heading_rad: float, min_rate: float) -> LanePrices:
+def _lane_prices(window: SearchWindow, heading_rad: float, min_rate: float) -> LanePrices:
+    geometry = window.geometry
     return LanePrices(
         speed_cm_s=geometry.lane_speed_m_s * 100.0,
         turn_s_rad=geometry.turn_s_rad,
@@ -311,7 +313,7 @@ def _lane_prices(geometry: PlannerGeometry, heading_rad: float, min_rate: float)
         near_cost=geometry.near_cost,
         min_cells=geometry.min_cells,
         gap_cells=geometry.gap_cells,
-        half_cells=geometry.lane_cells,
+        rows=window.lane_rows,
         transit_share=geometry.transit_share,
         min_rate=min_rate,
         cell_weight=CELL_WEIGHT,

@@ -75,7 +75,11 @@ class SearchWindow:
         shape = (r1 - r0, c1 - c0)
         self.x0_m, self.y0_m = memory.to_metres(c0, r0)
         self.cell_m = memory.to_metres(c0 + 1, r0)[0] - self.x0_m
-        self.geometry = memory.geometry
+        self.geometry = geometry = memory.geometry
+        self.reach_cells = min(geometry.mouth_cells, memory.swept_cells)
+        """Maximum distance from the axle at which the mouth sweeps a cell, cells."""
+        self.lane_rows = min(geometry.lane_rows, int(2.0 * memory.swept_cells))
+        """Number of rows that a lane sweeps."""
         self.open = buffers.layer("open", shape)
         self.done = buffers.layer("done", shape)
         self.dist = buffers.ints("dist", shape)

@@ -135,6 +135,12 @@ class Ekf:
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.joint_covariance.p[:3, :3].tolist()
         return (xx, xy, xt), (xy, yy, yt), (xt, yt, tt)
 
+    def sigma_along_m(self, direction_rad: float) -> float:
+        """Return the standard deviation of the position along a direction, m, at most 0.1 s old."""
+        (xx, xy, _), (_, yy, _), _ = self.covariance
+        c, s = math.cos(direction_rad), math.sin(direction_rad)
+        return math.sqrt(max(c * c * xx + 2.0 * c * s * xy + s * s * yy, 0.0))
+
     # -- updates ---------------------------------------------------------------------------
 
     def update(

@@ -114,6 +114,15 @@ class PoseEstimator:
         return self.ekf.covariance
 
     @property
+    def lateral_sigma_m(self) -> float:
+        """Standard deviation of the position across the heading, m, at most 0.1 s old."""
+        return self.ekf.sigma_along_m(self.ekf.theta_rad + 0.5 * math.pi)
+
+    def sigma_along_m(self, direction_rad: float) -> float:
+        """Return the standard deviation of the position along a direction, m, at most 0.1 s old."""
+        return self.ekf.sigma_along_m(direction_rad)
+
+    @property
     def gyro_bias_rad_s(self) -> float:
         """Gyro bias at rest, rad/s."""
         return self.ekf.gyro_bias_rad_s

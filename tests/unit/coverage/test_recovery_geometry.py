@@ -37,7 +37,7 @@ def geometry(model: RobotModel) -> PlannerGeometry:
 def test_the_papers_robot_has_the_documented_sizes() -> None:
     made = geometry(PAPER)
     assert (made.cell_m, made.mouth_cells, made.inflation_cells) == (0.02, 3.5, 7.7)
-    assert (made.min_cells, made.min_rate, made.near_rate, made.full_rate) == (7, 15.0, 30.0, 70.0)
+    assert (made.min_cells, made.min_rate, made.near_rate, made.full_rate) == (7, 7.5, 30.0, 70.0)
     assert (made.stop_range_m, made.lane_speed_m_s, made.round_rad_s) == (0.048, 0.28, 0.5)
     assert made.path_costs[:2] == (1100, 2600)
 
@@ -45,7 +45,7 @@ def test_the_papers_robot_has_the_documented_sizes() -> None:
 @pytest.mark.parametrize("scale", [0.7, 0.9])
 def test_in_cells_a_robot_to_scale_is_the_same_robot(scale: float) -> None:
     made, paper = geometry(scaled(scale)), geometry(PAPER)
-    for name in ("mouth_cells", "inflation_cells", "clear_cells", "lane_cells", "min_cells"):
+    for name in ("mouth_cells", "inflation_cells", "clear_cells", "lane_rows", "min_cells"):
         assert getattr(made, name) == pytest.approx(getattr(paper, name))
     assert made.cell_m == pytest.approx(scale * paper.cell_m)
 
@@ -61,12 +61,21 @@ def test_every_robot_has_usable_sizes(scale: float, width: float, ahead: float) 
         assert low >= 0.0, field.name
         assert field.name in {"ahead_m", "ahead_cells"} or low > 0.0, field.name
     # A lane is at most as wide as the mouth, and at least half as wide.
-    lane_m = (2 * made.lane_cells + 1) * made.cell_m
+    lane_m = made.lane_rows * made.cell_m
     assert 0.5 * model.cleaning_width_m < lane_m <= model.cleaning_width_m
     # The inflation radius is between the footprint minus one cell and the footprint.
     assert model.radius_m - made.cell_m < made.inflation_cells * made.cell_m < model.radius_m
     assert made.band_m[1] < 0.5 * model.cleaning_width_m
     assert made.hole_cells * made.cell_m <= 0.5 * model.cleaning_width_m + 0.5 * made.cell_m
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "swept"), [(0.0, 3.85), (0.006, 3.85), (0.02, 3.6), (0.03, 3.4), (0.5, 3.0)]
+)
+def test_less_of_the_mouth_counts_as_swept_if_the_pose_is_uncertain(
+    sigma_m: float, swept: float
+) -> None:
+    assert geometry(PAPER).swept_cells(sigma_m) == pytest.approx(swept)
 
 
 def test_a_lane_ends_where_the_ultrasonic_still_measures() -> None:

@@ -14,6 +14,7 @@ from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
 from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, clear_line, travel, way_back
+from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.coverage.recovery.window_kernels import (
     CELL_WEIGHT,
     GIVEN_UP,
@@ -223,7 +224,7 @@ def test_a_piece_that_continues_beyond_the_search_weighs_its_cells() -> None:
 
 
 def best_lane(
-    target: np.ndarray, here: tuple[float, float], transit_share: float = 1.0
+    target: np.ndarray, here: tuple[float, float], transit_share: float = 1.0, lane_rows: int = 7
 ) -> BestLane:
     ways = np.zeros(target.shape, dtype=np.int32)
     row, col = np.indices(target.shape)
@@ -231,7 +232,7 @@ def best_lane(
     best = BestLane()
     sums = np.zeros((2, target.shape[1]), dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading; transit costs its time
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3, transit_share, 15.0, 1)
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, lane_rows, transit_share, 15.0, 1)
     scan_lanes(target, ways, here[0], here[1], 0.0, prices, best, sums)
     return best
 
@@ -244,6 +245,29 @@ def test_a_lane_beside_swept_floor_is_preferred_to_one_that_leaves_a_sliver() ->
     assert (best.row, best.first, best.last, best.backwards) == (13, 10, 89, False)
     assert best.new == 7 * 80
     assert best.score > 0.0
+
+
+@pytest.mark.parametrize(
+    ("lane_rows", "first_row", "row"), [(5, 10, 12), (6, 10, 13), (7, 10, 13), (8, 10, 14)]
+)
+def test_the_axle_drives_in_the_middle_of_the_rows_of_a_lane(
+    lane_rows: int, first_row: int, row: int
+) -> None:
+    target = np.zeros((60, 100), dtype=np.uint8)
+    target[first_row : first_row + lane_rows, 10:90] = 1
+    best = best_lane(target, (10.0, 8.0), lane_rows=lane_rows)
+    assert best.row == row, "with an even number, the axle drives before this row"
+    assert best.new == lane_rows * 80
+
+
+def test_an_uncertain_robot_plans_narrower_lanes() -> None:
+    for sigma_m, strip_m, lane_rows in ((0.0, 0.16, 7), (0.03, 0.12, 6)):
+        memory = EvidenceMap(RobotModel(), RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+        for k in range(201):
+            at = Pose2(0.01 * k, 0.0, 0.0)
+            memory.update(seen(at)._replace(lateral_sigma_m=sigma_m))
+        assert memory.swept.any(axis=1).sum() * 0.02 == pytest.approx(strip_m)
+        assert SearchWindow(memory, memory.box(), 2, Buffers()).lane_rows == lane_rows
 
 
 def test_a_lane_is_taken_from_its_nearer_end() -> None:
@@ -272,7 +296,7 @@ def test_a_small_piece_beside_the_robot_comes_before_a_long_lane() -> None:
     target[30:50, 60:190] = 1
     here = (13.0, 38.0)
     assert best_lane(target, here).row > 30
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 3, 1.0, 15.0, CELL_WEIGHT)
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 7, 1.0, 15.0, CELL_WEIGHT)
     weights = (weighed(target) * CELL_WEIGHT).astype(np.uint8)
     row, col = np.indices(target.shape)
     ways = (10 * np.hypot(row - here[0], col - here[1])).astype(np.int32)

@@ -45,6 +45,8 @@ class Drive:
     def __init__(self) -> None:
         self.check, self.walls = DisplacementCheck(MODEL), Map()
         self.confirmed = 0
+        self.sigmas_m = (0.01, 0.01)
+        """Standard deviations of the position along x and y, m."""
 
     def along(
         self,
@@ -60,8 +62,12 @@ class Drive:
             x_m = from_m + (to_m - from_m) * k / count
             self.walls.found = found
             self.confirmed += self.check.update(
-                Pose2(x_m, y_m, heading), 0.0, (left_m, None), self.walls
+                Pose2(x_m, y_m, heading), 0.0, (left_m, None), self.walls, self.sigma_along_m
             )
+
+    def sigma_along_m(self, direction_rad: float) -> float:
+        along_x, along_y = self.sigmas_m
+        return math.hypot(along_x * math.cos(direction_rad), along_y * math.sin(direction_rad))
 
 
 def test_a_wall_on_driven_floor_shows_that_the_robot_was_moved() -> None:
@@ -133,3 +139,25 @@ def test_the_estimate_is_confirmed_by_known_walls_across_both_directions() -> No
     assert drive.confirmed == 0
     drive.along(1.5, 3.0, 0.0, found=(other, 0.0))
     assert drive.confirmed == 1
+
+
+@pytest.mark.parametrize(
+    ("sigmas_m", "shown"), [((0.1, 0.03), True), ((0.0, 0.033), False), ((0.0, 0.1), False)]
+)
+def test_what_the_uncertainty_across_the_wall_explains_is_no_evidence(
+    sigmas_m: tuple[float, float], *, shown: bool
+) -> None:
+    drive = Drive()
+    drive.sigmas_m = sigmas_m
+    drive.along(0.0, 3.0, 0.0)
+    drive.along(0.0, 1.6, -0.25, left_m=0.15)  # the wall is on the axle's path, so 10 cm off
+    assert drive.check.displaced is shown
+
+
+@pytest.mark.parametrize(("sigma_m", "shown"), [(0.05, True), (0.054, False)])
+def test_a_wall_may_be_crossed_by_three_standard_deviations(sigma_m: float, *, shown: bool) -> None:
+    drive = Drive()
+    drive.sigmas_m = (0.0, sigma_m)
+    drive.walls.add(1.0, 0.0, math.pi / 2.0)
+    drive.along(0.0, 2.0, 0.0)
+    assert drive.check.displaced is shown

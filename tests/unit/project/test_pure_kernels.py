@@ -108,7 +108,7 @@ def evidence_kernels(m: Any) -> list[object]:
 
 
 def lane_prices(m: Any) -> object:
-    return m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 3, 4.0, 5.0, 1)
+    return m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 7, 4.0, 5.0, 1)
 
 
 def lane_kernels(m: Any) -> list[object]:
