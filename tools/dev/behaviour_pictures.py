@@ -854,8 +854,10 @@ def recovery_heading() -> Figure:
     _by_state(floor, samples, states=["heading-fix"])
     pose = samples[-1].obs.pose
     _robot(floor, pose)
-    floor.set_xlim(-0.06, 1.2)
-    floor.set_ylim(-0.06, 1.0)
+    xs, ys = _xy([s.obs.pose for s in samples])
+    edge_m = MODEL.radius_m + 0.2
+    floor.set_xlim(min(xs) - edge_m, max(xs) + edge_m)
+    floor.set_ylim(min(ys) - edge_m, max(ys) + edge_m)
     side = 1.0 if samples[-1].obs.infrared_left_m is not None else -1.0
     beside_rad, distance_m = pose.theta_rad + side * math.pi / 2, MODEL.radius_m + 0.035
     wall_x_m = pose.x_m + distance_m * math.cos(beside_rad)

@@ -232,7 +232,8 @@ def best_lane(
     best = BestLane()
     sums = np.zeros((2, target.shape[1]), dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading; transit costs its time
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, lane_rows, transit_share, 15.0, 1)
+    costs = (20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0)
+    prices = LanePrices(*costs, 7, 10, lane_rows, transit_share, 15.0, 1)
     scan_lanes(target, ways, here[0], here[1], 0.0, prices, best, sums)
     return best
 
