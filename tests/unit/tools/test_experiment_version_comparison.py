@@ -119,7 +119,7 @@ def test_every_number_of_the_configs_is_a_constant() -> None:
 
 
 def test_a_scaled_constant_stays_of_its_kind_and_changes() -> None:
-    assert scaled("planner.min_rate", 0.7) == pytest.approx(0.15)
+    assert scaled("planner.min_rate", 0.7) == pytest.approx(0.075)
     assert scaled("planner.max_fruitless", 0.7) == 14
     assert (scaled("planner.again", 0.7), scaled("planner.again", 1.1)) == (1, 3)
 
