@@ -55,7 +55,9 @@ APART_M = 0.5
 """Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
 APART_SIGMA_M = 0.05
 """Maximum standard deviation of the distance to a wall, m, at which a piece beyond the known part
-of the wall is the same wall. With a larger one it may as well be the side of another obstacle."""
+of the wall is the same wall. With a larger one it may as well be the side of another obstacle. For
+the same reason, it limits the use of a place that only the ultrasonic sensor measured: two chair
+legs may be 11 cm apart."""
 APART_SHORT_M = 0.1
 """Distance beyond the known part of a wall from which a piece shorter than ``NEW_SPAN_M`` may be
 another wall, m. Such a piece may be part of a column."""
@@ -225,7 +227,9 @@ class WallMap:
             noise = np.array([[measurement.variance + by_skew]])
             s += noise
             chi2 = float(innovation[0] ** 2) / float(s[0, 0])
-            found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
+            sure = wall.seen_m >= NEW_SPAN_M or s[0, 0] < APART_SIGMA_M**2
+            second_chi2 = math.inf if sure else 0.0
+            found.append(_Match(i, chi2, second_chi2, rows, innovation, s, noise))
         best = self._choose(found, SAME_CHI1)
         if best is None or best.chi2 > OTHER_CHI1:
             if straight_on:

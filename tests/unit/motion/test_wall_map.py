@@ -82,6 +82,20 @@ def test_a_wall_may_be_as_far_off_as_the_uncertainty() -> None:
         assert (abs(room.filter.pose.x_m) < 0.002) is known
 
 
+@pytest.mark.parametrize(("sigma_m", "known"), [(0.04, True), (0.06, False)])
+def test_an_uncertain_robot_does_not_know_a_place_that_only_the_ultrasonic_saw(
+    sigma_m: float, *, known: bool
+) -> None:
+    """It may be a chair leg, and another leg of the chair may be 11 cm behind it."""
+    room = Room()
+    ahead = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.002**2)
+    assert not room.walls.see_front(ahead, MODEL.ultrasonic), "the first time"
+    room.inflate(sigma_m, 0.0)
+    room.believe(0.03, 0.0, 0.0)
+    assert room.walls.see_front(ahead, MODEL.ultrasonic) is known
+    assert room.filter.pose.x_m == pytest.approx(0.0 if known else 0.03, abs=0.002)
+
+
 def test_the_ultrasonic_corrects_along_its_view() -> None:
     room = Room()
     room.walls.see_line(line(0.0, 0.8))
