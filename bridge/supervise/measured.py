@@ -32,6 +32,10 @@ class Measured:
 
     _encoders_s: float
     """Arrival time of the reference counts, s."""
+    _excess_m_s: float
+    """Smoothed speed of the right wheel relative to the gyro's turn, m/s."""
+    _slow_yaw_rad_s: float
+    """Smoothed yaw rate of the gyro, rad/s."""
 
     def __init__(self, model: RobotModel) -> None:
         """Start with all sums at zero."""
@@ -61,10 +65,6 @@ class Measured:
         self._time_s: float | None = None
         self._encoders: Encoders | None = None
         self._range: Range | None = None
-        self._excess_m_s = 0.0
-        """Smoothed speed of the right wheel relative to the gyro's turn, m/s."""
-        self._slow_yaw_rad_s = 0.0
-        """Smoothed yaw rate of the gyro, rad/s."""
 
     def step(self, inputs: RuleInputs) -> None:
         """Add a control step."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, make_dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,9 +18,13 @@ from bridge.supervise import (
     Supervisor,
     settings_from,
 )
+from bridge.supervise.settings import PluggedRule
 from protocol.messages.device import Encoders, Range
 from protocol.messages.values import Contact, Fault
 from support.watching import MODEL, STEP_S, imu, planner, power, reading, status
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
 
 STALL = int(Fault.MOTOR_STALL)
 
@@ -397,3 +403,64 @@ def test_a_gap_ends_a_run_towards_an_echo() -> None:
             ahead = reading(2.0 - 0.5 * path_m)
             run.go(0.02, encoders=Encoders(count, count), range=ahead)
         assert len(run.printed) == printed
+
+
+# ---- plug-ins -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Touched(PluggedRule):
+    """A bumper switch is pressed; both pressed is too much for the condition."""
+
+    def condition(self, model: RobotModel) -> object:
+        assert model is MODEL
+        return TouchedCondition()
+
+
+class TouchedCondition:
+    grave = False
+
+    def holds(self, inputs: RuleInputs, _measured: object) -> bool:
+        contacts = 0 if inputs.range is None else inputs.range.contacts
+        if contacts == Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT:
+            raise ValueError("both switches")
+        return contacts != 0
+
+    def evidence(self) -> tuple[str, dict[str, object]]:
+        return "touched", {"switch": "left"}
+
+    def restart(self) -> None:
+        """Keep nothing from before."""
+
+
+def with_plugged_rule() -> Run:
+    run = Run()
+    rule = Touched(reaction=Level.STOP, after_s=0.0)
+    added = [("touched", Touched, field(default=rule))]
+    kind = make_dataclass("WithTouched", added, bases=(SuperviseSettings,), frozen=True)
+    settings = kind(**run.supervisor.settings.rules)
+    assert isinstance(settings, SuperviseSettings)
+    run.supervisor = Supervisor(MODEL, settings)
+    return run
+
+
+def test_the_rule_of_a_plug_in_reacts_like_any_other() -> None:
+    run = with_plugged_rule()
+    assert run.go(0.1, range=reading()) == []
+    assert run.go(0.02, range=reading(contacts=int(Contact.BUMPER_LEFT))) == [Level.STOP]
+    (_, reaction) = run.printed[0]
+    assert (reaction.kind, reaction.text, reaction.data) == (
+        "touched",
+        "touched",
+        {"switch": "left"},
+    )
+
+
+def test_the_failure_of_a_plug_in_is_reported_once() -> None:
+    run = with_plugged_rule()
+    both = reading(contacts=int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT))
+    assert run.go(0.1, range=both) == [Level.REPORT]
+    (_, reaction) = run.printed[0]
+    assert reaction.kind == "touched"
+    assert "both switches" in reaction.text
+    assert reaction.data == {}

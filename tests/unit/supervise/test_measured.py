@@ -232,3 +232,19 @@ def test_a_restart_resets_the_newness_of_a_range() -> None:
 
 def _step(time_s: float, *, encoders: Encoders | None, yaw_rate_rad_s: float = 0.0) -> RuleInputs:
     return RuleInputs(time_s, Pose2(0.0, 0.0, 0.0), 0.0, yaw_rate_rad_s, encoders=encoders)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_steady_turn_from_the_start_is_no_swing(*, restarted: bool) -> None:
+    """Late samples explain a lead only while the yaw rate changes."""
+    walk = Walk()
+    if restarted:
+        walk.step(20, yaw_rate_rad_s=-1.0)
+        walk.measured.restart()
+    lead_m_s, turn_m = 0.005, MODEL.wheel_base_m * 1.0 * STEP_S
+    count = 100  # the rounding of the counts is then below 1 mm/s
+    walk.step(1, yaw_rate_rad_s=1.0, encoders=Encoders(0, 0))
+    for k in range(1, count + 1):
+        right_m = k * (turn_m + lead_m_s * STEP_S)
+        walk.step(1, yaw_rate_rad_s=1.0, encoders=Encoders(0, round(right_m / PER_COUNT_M)))
+    assert walk.measured.slip_m_s == pytest.approx(lead_m_s, abs=0.001)

@@ -178,3 +178,13 @@ def test_each_half_must_show_it(first: float, second: float, *, found: bool) -> 
             walk.step(1, left_m=0.004, right_m=0.004, range=reading(range_m))
             ever = ever or walk.held
         assert ever is found, rule.evidence()
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_restart_discards_the_run_towards_an_object(*, restarted: bool) -> None:
+    rule = slip()
+    walk = Walk(rule)
+    assert not run_towards(walk, 0.0, path_m=0.2), "too short for a comparison"
+    if restarted:
+        rule.restart()
+    assert run_towards(walk, 0.0, path_m=0.2) is not restarted
