@@ -389,8 +389,8 @@ class Mission:
     def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
         """End the run if the link stays too slow before the first move."""
         if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
-            self._slow_s = None
-        elif self._slow_s is None:
+            return
+        if self._slow_s is None:
             self._slow_s = now_s
         elif now_s - self._slow_s > SLOW_LIMIT_S:
             self._end(now_s, _too_slow(link))

@@ -67,6 +67,7 @@ TARGETS = (
         _tests(
             "run/mission",
             "run/mission_loss",
+            "run/mission_ends",
             "session/link_latency",
             "session/stale_samples",
             "session/again",
