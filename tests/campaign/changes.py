@@ -120,6 +120,8 @@ class Result:
     start_error_m: float | None = None
     """Error of the reported distance to the room's start, m."""
     fell: bool = False
+    held: bool = False
+    """True if the moved furniture was put on the robot and held it."""
 
 
 class Observer:
@@ -194,8 +196,9 @@ def run(job: Job) -> Result:
 
     def look(t_s: float, host: Host) -> None:
         del t_s, host
-        pose = made[0].device.plant.pose
-        result.fell |= wheel_over(pose, 0.5 * MODEL.wheel_base_m, plan.cliffs)
+        plant = made[0].device.plant
+        result.fell |= wheel_over(plant.pose, 0.5 * MODEL.wheel_base_m, plan.cliffs)
+        result.held |= plant.held
 
     done = run_virtual(
         plan,
@@ -209,6 +212,7 @@ def run(job: Job) -> Result:
         progress=look,
         prepare=made.append,
     )
+    result.held |= done.device.plant.held
     mission = done.host.mission
     assert mission.ending is not None
     result.outcome, result.reason = mission.ending.outcome, mission.ending.reason

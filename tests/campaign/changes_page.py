@@ -63,6 +63,13 @@ def page(results: Sequence[tuple[str, Result]], first: int) -> str:
         )
     if any(run.fell for _, run in results):
         lines.append(f"\n{sum(run.fell for _, run in results)} runs drove a wheel over a pit.\n")
+    held = [run for _, run in results if run.held]
+    if held:
+        stopped = sum(run.outcome == "stopped" for run in held)
+        lines.append(
+            f"\nIn {len(held)} runs the moved furniture was put on the robot and held it; "
+            f"{stopped} of them were stopped.\n"
+        )
     return "".join(lines)
 
 

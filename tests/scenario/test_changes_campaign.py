@@ -45,10 +45,19 @@ def test_a_lifted_robot_is_not_driven_on() -> None:
     assert result.claimed_wrongly_m2 < 0.02
 
 
+def test_furniture_that_holds_the_robot_stops_the_run() -> None:
+    result = run(Job(change("furniture moved"), 0))
+    assert result.held
+    assert result.outcome == "stopped"
+    assert "something holds or turns the robot" in result.reason
+    assert 0.0 < result.ended_s - result.at_s < 10.0
+    assert result.claimed_wrongly_m2 < 0.1
+
+
 @pytest.mark.parametrize(("name", "seed"), [("furniture moved", 1), ("a person walks by", 0)])
 def test_what_moves_in_the_room_does_not_end_the_run(name: str, seed: int) -> None:
-    """Furniture that jams the robot, as with seed 0, ends the run: a wheel spins."""
     result = run(Job(change(name), seed))
+    assert not result.held
     assert result.outcome == "complete"
     assert result.events == []
     assert result.coverage > 0.95
@@ -63,12 +72,13 @@ def test_a_pit_at_harsh_noise_is_not_taken_for_being_lifted() -> None:
 def test_the_page_has_a_row_for_each_change() -> None:
     good = Result("complete", "done", ended_s=100.0, coverage=0.99)
     bad = Result("stopped", "wheels and gyro differ by 59°", "", 20.0, 25.0, ["start"], 0.5)
-    bad.start_error_m, bad.fell = 0.03, True
+    bad.start_error_m, bad.fell, bad.held = 0.03, True, True
     text = page([("one", good), ("one", bad), ("other", good)], 7)
     assert "| one | 2 | 1 | 1 | 1 | 5.0 s | 5.0 s | 0.250 m² | 0.500 m² | 99.0 % |" in text
     assert "Seeds: 7 to 8" in text
     assert "1 runs named the real start, with an error of 3 cm" in text
     assert "1 runs drove a wheel over a pit" in text
+    assert "In 1 runs the moved furniture was put on the robot and held it; 1 of them" in text
     assert "- one: 1 x wheels and gyro differ by N°" in text
 
 

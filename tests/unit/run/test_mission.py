@@ -6,8 +6,7 @@ import pytest
 
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import Remedy
-from bridge.motion.observation import HALT, Observation
-from bridge.motion.robot_model import RobotModel
+from bridge.motion.observation import HALT
 from bridge.run.ending import Ending
 from bridge.run.mission import (
     AT_REST_S,
@@ -18,54 +17,26 @@ from bridge.run.mission import (
     Phase,
     Request,
 )
-from protocol.messages.device import Status
-from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.host import ClearStop, Stop
 from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.retransmission import Outcome
 from support.ends import Spinning
-from support.observed import AT_REST
-
-MODEL = RobotModel()
-CLEARED = Outcome(ClearStop(1, 1), accepted=True, reason=None)
-ENABLED = Outcome(SetMode(2, 1), accepted=True, reason=None)
-STOPPED = Outcome(Stop(3, 1), accepted=True, reason=None)
-
-
-def planned(**options: bool | float) -> Mission:
-    return Mission(PlanRunner(Spinning(MODEL), MODEL), **options)  # type: ignore[arg-type]  # by name
-
-
-def phase(mission: Mission) -> Phase:
-    return mission.phase
+from support.missions import (
+    CLEARED,
+    ENABLED,
+    MODEL,
+    STOPPED,
+    driving,
+    ending,
+    phase,
+    planned,
+    seen,
+    status,
+)
 
 
 def ended(mission: Mission) -> bool:
     return mission.ending is not None
-
-
-def ending(mission: Mission) -> Ending:
-    assert mission.ending is not None
-    return mission.ending
-
-
-def status(cause: int = 0) -> Status:
-    return Status(0, cause, 0, 0, 0)
-
-
-def seen(now_s: float) -> Observation:
-    return AT_REST._replace(time_s=now_s)
-
-
-def driving(**options: bool | float) -> Mission:
-    mission = planned(**options)
-    mission.on_ready(0.0)
-    mission.on_status(status(StopCause.SESSION_END), 0.1)
-    mission.on_command(CLEARED, 0.2)
-    mission.on_command(ENABLED, 0.3)
-    mission.step(seen(3.0), None, 3.0)
-    assert phase(mission) is Phase.DRIVING
-    mission.requests()
-    return mission
 
 
 def test_each_step_waits_for_the_one_before() -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.coverage.runner import PlanRunner
 from bridge.errors import Remedy
-from bridge.motion.observation import HALT, Observation
-from bridge.motion.robot_model import RobotModel
+from bridge.motion.observation import HALT
 from bridge.run.ending import Ending
 from bridge.run.mission import (
     AT_REST_S,
@@ -19,61 +17,20 @@ from bridge.run.mission import (
     Resume,
 )
 from bridge.session.round_trip import LinkTrouble
-from protocol.messages.device import Status
-from protocol.messages.host import ClearStop, SetMode, Stop
+from protocol.messages.host import SetMode, Stop
 from protocol.messages.values import NackReason, StopCause
 from protocol.retransmission import Outcome
-from support.ends import Spinning
-from support.observed import AT_REST
+from support.missions import driving, ending, phase, planned, seen, settling, status
 
-MODEL = RobotModel()
 SLOW, UNMEASURED = LinkTrouble("too slow", known=True), LinkTrouble("not measured", known=False)
 COMPLETE = Ending("complete", "swept", 0)
 BROKEN = Ending("fault", "broken", 1)
-
-
-def planned() -> Mission:
-    return Mission(PlanRunner(Spinning(MODEL), MODEL))
 
 
 def ready() -> Mission:
     mission = planned()
     mission.on_ready(0.0)
     return mission
-
-
-def settling() -> Mission:
-    mission = ready()
-    mission.on_status(status(StopCause.SESSION_END), 0.0)
-    mission.on_command(Outcome(ClearStop(1, 1), accepted=True, reason=None), 0.0)
-    mission.on_command(Outcome(SetMode(2, 1), accepted=True, reason=None), 0.0)
-    mission.on_status(status(), 0.0)
-    mission.requests()
-    return mission
-
-
-def driving() -> Mission:
-    mission = settling()
-    mission.step(seen(AT_REST_S), None, AT_REST_S)
-    assert phase(mission) is Phase.DRIVING
-    return mission
-
-
-def phase(mission: Mission) -> Phase:
-    return mission.phase
-
-
-def ending(mission: Mission) -> Ending:
-    assert mission.ending is not None
-    return mission.ending
-
-
-def status(cause: int = 0) -> Status:
-    return Status(0, cause, 0, 0, 0)
-
-
-def seen(now_s: float) -> Observation:
-    return AT_REST._replace(time_s=now_s)
 
 
 def at(mission: Mission, now_s: float, link: LinkTrouble | None) -> None:
@@ -108,7 +65,7 @@ def test_a_link_that_was_quick_in_between_gets_the_whole_time_again(
 
 
 def test_a_new_session_gets_the_whole_time_again() -> None:
-    mission = Mission(PlanRunner(Spinning(MODEL), MODEL), resume=Resume.AUTO)
+    mission = planned(resume=Resume.AUTO)
     mission.on_ready(0.0)
     at(mission, 1.0, SLOW)
     mission.on_ready(3.0)
@@ -172,7 +129,8 @@ def test_what_is_missing_after_the_standstill_is_the_reason(
 ) -> None:
     mission = settling()
     mission.link = link
-    for now_s in (AT_REST_S, AT_REST_S + DATA_TIMEOUT_S, AT_REST_S + DATA_TIMEOUT_S + 0.01):
+    due_s = 0.3 + AT_REST_S
+    for now_s in (due_s, due_s + DATA_TIMEOUT_S - 0.01, due_s + DATA_TIMEOUT_S + 0.01):
         assert mission.ending is None
         assert mission.step(seen(now_s) if observed else None, stale, now_s) == HALT
     assert ending(mission).reason == reason
