@@ -184,7 +184,7 @@ class PlannerGeometry:
         scale = _exact(radius_m / 0.16)
         cell_m = min(width_m / options.cells_per_width, radius_m / _CELLS_PER_RADIUS)
         cell_m = _exact(min(max(cell_m, _MIN_CELL_M), _MAX_CELL_M))
-        half_m = 0.5 * width_m - min(options.mouth_margin * width_m, _MAX_MARGIN_M)
+        half_m = 0.5 * width_m - min(options.search_margin * width_m, _MAX_MARGIN_M)
         half = _exact(half_m / cell_m)
         full_rate = _exact(2.0 * half * model.cruise_speed_m_s / cell_m)
         lane_speed = min(
@@ -266,7 +266,7 @@ class PlannerGeometry:
         )
 
     def swept_cells(self, lateral_sigma_m: float) -> float:
-        """Return half the width of the strip that certainly counts as swept, cells.
+        """Return half the width of the strip that counts as swept, cells.
 
         ``lateral_sigma_m`` is the standard deviation of the position across the heading, m.
         """

@@ -19,7 +19,7 @@ class RecoveryOptions:
 
     cells_per_width: float = 8.0
     """Number of map cells per width of the mouth: 2 cm for the paper's robot."""
-    mouth_margin: float = 1.0 / 16.0
+    search_margin: float = 1.0 / 16.0
     """Share of the mouth's width at each end that the search does not expect to sweep. It is 1 cm
     for the paper's robot, and never more than 1 cm."""
     margin_sigmas: float = 0.4

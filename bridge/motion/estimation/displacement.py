@@ -44,7 +44,7 @@ class DisplacementTuning:
 
     sigmas: float = 3.0
     """Minimum error of the estimate that an observation must show, in its standard deviations. With
-    0, the check ended two of 64 runs at harsh noise: errors of 8 and 10 cm with standard deviations
+    0, the check ended runs at harsh noise that had errors of 8 and 10 cm, with standard deviations
     of 4 and 7 cm."""
     core: float = 0.5
     """Share of the footprint's radius within which driven floor is free. The rest allows for the
