@@ -33,6 +33,8 @@ class Observation(NamedTuple):
     wall reduces it. 0: no such walls."""
     lateral_sigma_m: float = 0.0
     """Standard deviation of the position across the heading, m."""
+    stands: bool = False
+    """True if the wheels turn but the robot stands, according to the accelerometer."""
 
 
 class VelocityCommand(NamedTuple):

@@ -467,6 +467,7 @@ class Host:
             estimator.gyro_bias_sigma_rad_s,
             self.localisation.heading_sigma_rad,
             estimator.lateral_sigma_m,
+            stands=estimator.stands,
         )
         stale = self._stale(now_ns)
         if self._is_silent(now_ns):

@@ -165,6 +165,8 @@ class RobotState:
         gyro_bias_sigma_rad_s: float = 0.0,
         heading_sigma_rad: float = 0.0,
         lateral_sigma_m: float = 0.0,
+        *,
+        stands: bool = False,
     ) -> Observation | None:
         """Return the input of planner and controllers; None before the first range sample."""
         reading = self.range
@@ -190,6 +192,7 @@ class RobotState:
             gyro_bias_sigma_rad_s,
             heading_sigma_rad,
             lateral_sigma_m,
+            stands,
         )
 
     def forget(self) -> None:

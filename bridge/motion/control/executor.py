@@ -100,6 +100,7 @@ class LegExecutor:
         self._last_s = obs.time_s
         self._origin = obs.pose
         self._along_m = 0.0
+        self._stood_s = 0.0
         self._mark_s = 0.0
         self._mark = 0.0
         self._bumped = (False, False)
@@ -232,7 +233,7 @@ class LegExecutor:
                     return self._flow_on(StopReason.DISTANCE, obs)
                 return self._stop(StopReason.DISTANCE, obs, dt)
             speed = min(speed, max(self._brake.speed(remaining), leg.end_m_s))
-        if self._stalled(self._along_m, self._tuning.stall_m):
+        if self._stands(obs, dt) or self._stalled(self._along_m, self._tuning.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         pose, origin = obs.pose, self._origin
         across = (pose.y_m - origin.y_m) * self._cos - (pose.x_m - origin.x_m) * self._sin
@@ -313,7 +314,8 @@ class LegExecutor:
                 return self._stop(StopReason.RANGE, obs, dt)
             speed = min(max(speed, tune.creep_m_s), most, self._brake.speed(command.distance_m))
             speed = min(speed, self._allowed(wary=False))
-        if self._stalled(self._along_m + obs.pose.theta_rad, tune.stall_m):
+        progress = self._along_m + obs.pose.theta_rad
+        if self._stands(obs, dt) or self._stalled(progress, tune.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         return self._send(speed, rate, dt)
 
@@ -326,7 +328,7 @@ class LegExecutor:
             return self._stop(self._hit(obs) or StopReason.RANGE, obs, dt)
         if step.state is FollowState.LOST:
             return self._stop(StopReason.LOST, obs, dt)
-        if self._stalled(self._along_m, self._tuning.stall_m):
+        if self._stands(obs, dt) or self._stalled(self._along_m, self._tuning.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         return self._send(step.command.v_m_s, step.command.yaw_rate_rad_s, dt)
 
@@ -365,6 +367,11 @@ class LegExecutor:
     def _rolls_into(self, obs: Observation) -> bool:
         """Return True if the last leg still commands forward motion towards an obstacle."""
         return self._smooth_v.output > 0.0 and self._hit(obs) is not None
+
+    def _stands(self, obs: Observation, dt: float) -> bool:
+        """Return True if the robot has stood for a while although its wheels turn."""
+        self._stood_s = self._stood_s + dt if obs.stands else 0.0
+        return self._stood_s > self._tuning.stands_s
 
     def _stalled(self, progress: float, least: float) -> bool:
         if abs(progress - self._mark) > least:

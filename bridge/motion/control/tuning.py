@@ -52,5 +52,8 @@ class MotionTuning:
     stall_s: float = 1.5
     stall_m: float = 0.003
     stall_rad: float = 0.02
+    stands_s: float = 0.5
+    """Time after which a leg ends if the robot stands while its wheels turn, s. The check for
+    spinning wheels compares wheels and gyro in this time: an earlier end delays it by 4 s."""
     follow: FollowTuning = FOLLOW_TUNING
     """Gains and limits of wall following."""

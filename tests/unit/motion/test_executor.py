@@ -11,7 +11,7 @@ import pytest
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.control.executor import LegExecutor
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
+from bridge.motion.legs import Drive, FollowWall, GoTo, Leg, LegResult, Rest, StopReason, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import STEP_S, TYPICAL, KinematicWorld
@@ -196,6 +196,29 @@ def test_no_motion_for_a_command_is_a_stall(leg: Leg) -> None:
     assert executor.result is not None
     assert executor.result.reason is StopReason.STALLED
     assert executor.result.duration_s < 2.5
+
+
+@pytest.mark.parametrize("leg", [Drive(0.0), GoTo(3.0, 0.2), FollowWall(left=False, gap_m=0.01)])
+def test_a_standstill_of_the_robot_with_turning_wheels_ends_a_leg(leg: Leg) -> None:
+    world, executor = world_at(2.0, 0.175), LegExecutor(MODEL)
+    obs = world.observe()
+    executor.start(leg, obs)
+    for _ in range(20):
+        obs = world.step(executor.step(obs))
+        assert executor.result is None
+    for _ in range(100):
+        obs = world.step(executor.step(obs._replace(stands=True)))
+    assert executor.result is not None
+    assert executor.result.reason is StopReason.STALLED
+
+
+def test_a_turn_may_begin_in_contact() -> None:
+    world, executor = world_at(2.0, 2.0), LegExecutor(MODEL)
+    obs = world.observe()._replace(stands=True)
+    executor.start(Turn(1.0), obs)
+    while executor.result is None:
+        obs = world.step(executor.step(obs))._replace(stands=True)
+    assert executor.result.reason is StopReason.DONE
 
 
 def test_timeout_ends_a_leg() -> None:
