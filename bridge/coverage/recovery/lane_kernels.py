@@ -258,7 +258,10 @@ def scan_lanes(
                         out = r + above + 1 if side else r - below - 1
                         if out < 0 or out >= rows or not target[rim, k]:
                             continue
-                        edges += 1 if target[out, k] else -1
+                        if not target[out, k]:
+                            edges -= 1
+                        elif ways[r + 1 if side else r - 1, k] >= 0:
+                            edges += 1  # a lane farther out would avoid this frontier
                 k += 1
             if new < prices.min_cells:
                 continue

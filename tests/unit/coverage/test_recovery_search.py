@@ -224,11 +224,17 @@ def test_a_piece_that_continues_beyond_the_search_weighs_its_cells() -> None:
 
 
 def best_lane(
-    target: np.ndarray, here: tuple[float, float], transit_share: float = 1.0, lane_rows: int = 7
+    target: np.ndarray,
+    here: tuple[float, float],
+    transit_share: float = 1.0,
+    lane_rows: int = 7,
+    *,
+    last_row: int = 999,
 ) -> BestLane:
-    ways = np.zeros(target.shape, dtype=np.int32)
+    """Return the best lane. The axle can reach the rows up to ``last_row``."""
     row, col = np.indices(target.shape)
-    ways[:] = 10 * np.hypot(row - here[0], col - here[1])
+    ways = np.where(row > last_row, -1, 10 * np.hypot(row - here[0], col - here[1]))
+    ways = ways.astype(np.int32)
     best = BestLane()
     sums = np.zeros((2, target.shape[1]), dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading; transit costs its time
@@ -259,6 +265,16 @@ def test_the_axle_drives_in_the_middle_of_the_rows_of_a_lane(
     best = best_lane(target, (10.0, 8.0), lane_rows=lane_rows)
     assert best.row == row, "with an even number, the axle drives before this row"
     assert best.new == lane_rows * 80
+
+
+def test_floor_beyond_the_last_lane_beside_a_wall_costs_no_lane() -> None:
+    target = np.zeros((60, 100), dtype=np.uint8)
+    target[15:20, 10:90] = 1  # the lane in row 14 sweeps three of these rows
+    assert best_lane(target, (14.0, 8.0)).new == 5 * 80
+    best = best_lane(target, (14.0, 8.0), last_row=14)
+    assert (best.row, best.new) == (14, 3 * 80)
+    # its rate has no cost for the frontier: 80 cells of 2 cm and a stop, at 20 cm/s
+    assert best.rate == pytest.approx(240 / (160 / 20 + 1), rel=0.1)
 
 
 def test_an_uncertain_robot_plans_narrower_lanes() -> None:
