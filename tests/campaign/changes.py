@@ -186,11 +186,11 @@ def _free_shift(plan: FloorPlan, rng: random.Random) -> tuple[float, float]:
             return dx, dy
 
 
-def run(job: Job) -> Result:
-    """Run one job."""
+def run(job: Job, fault: str | None = None) -> Result:
+    """Run one job, with a fault that its seed determines or with ``fault``."""
     rng = random.Random(job.name)
     plan = pit(rng) if job.room == "pit" else load_room(job.room)
-    result = Result(fault=fault_of(job, plan, rng))
+    result = Result(fault=fault_of(job, plan, rng) if fault is None else fault)
     observer = Observer()
     made: list[VirtualRun] = []
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from campaign.changes import CHANGES, Change, Job, Result, jobs_of, kept_at, run
+from campaign.changes import CHANGES, MODEL, Change, Job, Observer, Result, jobs_of, kept_at, run
 from campaign.changes_page import page
+from tools.cli.rooms import load_room
+from tools.virtual.loop import HOST_BOOT_NS
+from tools.virtual.run import run_virtual
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +50,13 @@ def test_a_lifted_robot_is_not_driven_on() -> None:
 
 
 def test_furniture_that_holds_the_robot_stops_the_run() -> None:
-    result = run(Job(change("furniture moved"), 0))
+    room, observer, at_s = load_room("case-1"), Observer(), 40.0
+    run_virtual(room, MODEL, "recovery", observer, noise="typical", max_time_s=at_s)
+    robot = next(pose for ns, pose in observer.truth if ns >= HOST_BOOT_NS + at_s * 1e9)
+    x_m, y_m = np.mean(room.obstacles[0], axis=0)
+    dx_m, dy_m = robot.x_m - x_m, robot.y_m - y_m
+    fault = f"obstacle@{at_s}:index=0,dx={dx_m:.3f},dy={dy_m:.3f}"
+    result = run(Job(change("furniture moved"), 0), fault)
     assert result.held
     assert result.outcome == "stopped"
     assert "something holds or turns the robot" in result.reason
