@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.motion.control.braking import Braking
 from bridge.motion.control.confirmed_range import ConfirmedRange
-from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.estimation.wall_track import MAX_YAW_RAD, WallTrack
 from bridge.motion.observation import HALT, Observation, VelocityCommand
@@ -63,9 +62,6 @@ class FollowTuning:
 
     lookahead_m: float = 0.15
     """Distance ahead of the robot at which its heading meets the line to follow, m."""
-    integral_s: float = 2.5
-    """Integral time of the distance controller, s. Along a round column the heading must point away
-    from the wall by a few degrees. Only the integral achieves this."""
     yaw_gain_s: float = 4.0
     """Gain from the heading error (rad) to the yaw rate (rad/s), 1/s."""
     approach_rad: float = math.radians(20.0)
@@ -100,18 +96,14 @@ class WallFollower:
 
     Call ``step`` with every observation and pass its result through the smoothing. Wall following
     starts with the first reading of a wall. From then on the filter of ``wall_track`` estimates the
-    wall's distance and direction. The heading setpoint ψ* points towards the line at the set
-    distance. It is the output of a PI controller for the distance error, with anti-windup as in
-    ``pid``. The integral is off if the robot is far from the line. It never steers towards the
-    wall: otherwise the robot would press against the wall for seconds, and its wheel encoders do
-    not measure lateral slip. The yaw rate is ω = K·(ψ* - ψ), with a smaller gain while ψ is
-    uncertain. Near the wall the heading is limited so that the lateral speed is less than
-    ``touch_m_s``.
+    wall's distance, direction and bend b. The heading setpoint ψ* points towards the line at the
+    set distance, at ``lookahead_m`` ahead. The yaw rate is ω = K·(ψ* - ψ) + v·b, with a smaller K
+    while ψ is uncertain. Near the wall the heading is limited so that the lateral speed is less
+    than ``touch_m_s``.
 
     At the end of the wall the robot drives straight until the end is beside its axle. It then
     drives round the end at the set distance until the infrared sensor detects a wall again. The
-    corner and this reading immediately give the new wall's direction. A round column needs no
-    special case.
+    corner and this reading immediately give the new wall's direction.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -152,8 +144,6 @@ class WallFollower:
         self._room = ConfirmedRange(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
         self._track = WallTrack(mount)
         self._noise = noise or RangingNoise()
-        gains = PidGains(kp=1.0 / tune.lookahead_m, ti_s=tune.integral_s)
-        self._aim = Pid(gains, tune.approach_rad)
         self._pose: Pose2 | None = None
         self._last_range_m: float | None = None
         self._age_s = 0.0
@@ -278,7 +268,6 @@ class WallFollower:
         expected = self._track.expected_m()
         if range_m is not None and expected is not None and range_m < expected:
             self._track.begin(range_m)
-            self._aim.reset()
             self._silent_s = 0.0
             return
         self._silent_s += _READING_S
@@ -297,7 +286,6 @@ class WallFollower:
         self._arcing = False
         self._state = FollowState.CORNER
         self._track.clear()
-        self._aim.reset()
 
     def _round(self, ahead_m: float, into_rad: float) -> None:
         """Update the corner in the body frame. The lateral axis is positive on the wall's side."""
@@ -353,24 +341,20 @@ class WallFollower:
         # A contact must be slow along the normal. So the maximum angle decreases with the gap.
         across = tune.touch_m_s + max(gap - _TOUCH_WAY_M, 0.0)
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
-        pressing = distance <= self._radius_m and self._aim.integral > 0.0
-        if pressing or abs(off) > _INTEGRAL_BAND_M:
-            self._aim.reset()
         yaw = self._track.yaw_rad
         if nudge:
             speed = min(speed, _NUDGE_M_S)
             yaw = max(yaw, _PRESSED_RAD)
-            self._aim.reset()
             aim = -tune.approach_rad / 4.0
         else:
-            aim = self._aim.update(off, dt_s)
+            aim = off / tune.lookahead_m
         aim = max(min(aim, steepest), -tune.approach_rad)
         error = aim - yaw
         sure = min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
         gain = tune.yaw_gain_s * (1.0 if nudge else sure)
-        rate = max(min(gain * error, self._max_rate), -self._max_rate)
-        slow = max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
-        return VelocityCommand(speed * slow, self._side * rate)
+        speed *= max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
+        rate = gain * error + speed * self._track.bend_rad_m
+        return VelocityCommand(speed, self._side * max(min(rate, self._max_rate), -self._max_rate))
 
     def _circle(self, speed: float, *, nudge: bool) -> VelocityCommand:
         """Drive on until the corner is beside the axle, then drive round it at the set distance."""
@@ -434,7 +418,6 @@ _TOUCH_WAY_M = 0.01
 m."""
 _THIN_M = 0.08
 """Maximum followed length of an object that may be a thin leg, m. A leg has no wall direction."""
-_INTEGRAL_BAND_M = 0.025
 _NUDGE_M_S = 0.05
 """Maximum speed while the wall presses a bumper switch, m/s. The robot slips sideways, and the
 wheel encoders do not measure this slip."""

@@ -1,15 +1,19 @@
-"""Distance and direction of a wall beside the robot, from successive readings of one sensor.
+"""Distance, direction and curvature of a wall beside the robot, from readings of one sensor.
 
-One reading gives only a distance. Several readings along a path also give the direction. A Kalman
-filter estimates two states:
+One reading gives only a distance. Several readings along a path also give the direction, and along
+a longer path the curvature. A Kalman filter estimates three states:
 
     d: distance from the axle's centre to the wall, along the wall's normal (m)
     ψ: heading minus the wall's direction (rad); positive: the robot points into the wall
+    b: bend, the turn of the wall's direction per path of the robot (rad/m); positive: towards the
+       wall, as around a column
 
-The side is u (+1 left, -1 right). A motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and d' = d - ds·sin
-ψ. The beam starts sideways at (mx, my), with the range r. Its hit is on the wall if
+The side is u (+1 left, -1 right). A motion (ds ahead, dθ) gives ψ' = ψ + u·dθ - b·ds and
+d' = d - ds·sin ψ. The beam starts sideways at (mx, my), with the range r. Its hit is on the wall if
 
-    mx·sin ψ + (|my| + r)·cos ψ = d.
+    mx·sin ψ + (|my| + r)·cos ψ = d + κ·s²/2,
+
+where κ = b/(1 - b·d) is the wall's curvature, and s the distance of the hit along the wall.
 """
 
 from __future__ import annotations
@@ -30,9 +34,19 @@ _SIGMA_AT_M = 0.10
 _WAY_SIGMA = 0.02
 """Standard deviation of d, as a share of the path. It covers wheel errors and walls that are not
 flat."""
-_BEND_RAD_SQRT_M = 0.25
-"""Standard deviation of ψ per √m along a curved wall, rad. Along a column of 0.3 m radius, the
-direction turns by 0.4 rad in 12 cm."""
+_TURN_RAD_SQRT_M = 0.25
+"""Standard deviation of ψ per √m, rad. It covers the beginning of a curve, and edges."""
+_BEND_SQRT_M = 1.0
+"""Standard deviation of the bend per √m, rad/m. Relative to the noise of ψ it determines the path
+after which a change of the bend is known: a quarter of a metre."""
+_FIRST_BEND = 1.0
+"""Standard deviation of the bend of a new wall, rad/m. Larger values let the robot swing at the
+beginning of a straight wall."""
+_MAX_BEND = 0.65
+"""Maximum absolute value of the bend, as a share of that around a point, 1/d. A thinner column is
+an end of the wall."""
+_MIN_M = 0.01
+"""Minimum distance in the limit of the bend, m."""
 _FIRST_RAD = 0.3
 """Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
@@ -45,9 +59,21 @@ def infrared_sigma_m(range_m: float) -> float:
 
 
 class WallTrack:
-    """The filter. Both states are None before the first reading."""
+    """The filter. Before the first reading the distance is None, and the other states are 0."""
 
-    __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
+    __slots__ = (
+        "_arm_m",
+        "_pbb",
+        "_pdb",
+        "_pdd",
+        "_pdy",
+        "_pyb",
+        "_pyy",
+        "_reach_m",
+        "bend_rad_m",
+        "distance_m",
+        "yaw_rad",
+    )
 
     def __init__(self, mount: RangerMount) -> None:
         """Create a filter for a range sensor that faces sideways."""
@@ -58,8 +84,8 @@ class WallTrack:
     def clear(self) -> None:
         """Remove the wall from the filter."""
         self.distance_m: float | None = None
-        self.yaw_rad = 0.0
-        self._pdd = self._pdy = self._pyy = 0.0
+        self.yaw_rad = self.bend_rad_m = 0.0
+        self._pdd = self._pdy = self._pyy = self._pdb = self._pyb = self._pbb = 0.0
 
     @property
     def yaw_sigma_rad(self) -> float:
@@ -74,12 +100,14 @@ class WallTrack:
     def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
         """Begin with a reading of a wall. The wall's direction is only roughly known."""
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        self.yaw_rad = yaw_rad
+        self.yaw_rad, self.bend_rad_m = yaw_rad, 0.0
         self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
         slope = self._reach_m * c - (self._arm_m + range_m) * s
         self._pyy = sigma_rad**2
         self._pdy = slope * self._pyy
         self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
+        self._pdb = self._pyb = 0.0
+        self._pbb = _FIRST_BEND**2
 
     def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
         """Predict a motion of ``ahead_m``, m, and a turn of ``into_rad`` towards the wall, rad.
@@ -91,22 +119,31 @@ class WallTrack:
         """
         if self.distance_m is None:
             return
-        mid = self.yaw_rad + 0.5 * into_rad
+        turn = into_rad - self.bend_rad_m * ahead_m
+        mid = self.yaw_rad + 0.5 * turn
         distance = self.distance_m
         self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, min_m))
-        self.yaw_rad += into_rad
+        self.yaw_rad += turn
         slope = -ahead_m * math.cos(mid)
         way = abs(ahead_m)
+        # P' = F·P·Fᵀ + Q with d' = d + slope·ψ and ψ' = ψ - ahead·b
         self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (_WAY_SIGMA * way) ** 2
-        self._pdy += slope * self._pyy
-        self._pyy += _BEND_RAD_SQRT_M**2 * way
+        pdb = self._pdb + slope * self._pyb
+        self._pdy += slope * self._pyy - ahead_m * pdb
+        self._pyy += ahead_m * (ahead_m * self._pbb - 2.0 * self._pyb) + _TURN_RAD_SQRT_M**2 * way
+        self._pdb = pdb
+        self._pyb -= ahead_m * self._pbb
+        self._pbb += _BEND_SQRT_M**2 * way
 
     def expected_m(self) -> float | None:
         """Expected reading, m; None: no wall, or the angle of the beam is too large."""
         if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return (self.distance_m - self._reach_m * s) / c - self._arm_m
+        along = (self._reach_m - self.distance_m * s) / c
+        curvature = self.bend_rad_m / (1.0 - min(self.bend_rad_m * self.distance_m, _MAX_BEND))
+        sag = 0.5 * curvature * along * along
+        return (self.distance_m + sag - self._reach_m * s) / c - self._arm_m
 
     def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
         """Update with a reading.
@@ -121,6 +158,7 @@ class WallTrack:
         by_yaw = (self.distance_m * s - self._reach_m) / (c * c)
         to_d = self._pdd * by_d + self._pdy * by_yaw
         to_yaw = self._pdy * by_d + self._pyy * by_yaw
+        to_bend = self._pdb * by_d + self._pyb * by_yaw
         variance = by_d * to_d + by_yaw * to_yaw + infrared_sigma_m(range_m) ** 2
         innovation = range_m - expected
         if abs(innovation) > max(min_gate_m, gate_sigmas * math.sqrt(variance)):
@@ -128,7 +166,13 @@ class WallTrack:
         gain = 1.0 / variance
         self.distance_m += to_d * gain * innovation
         self.yaw_rad += to_yaw * gain * innovation
+        bend = self.bend_rad_m + to_bend * gain * innovation
+        most = _MAX_BEND / max(self.distance_m, _MIN_M)
+        self.bend_rad_m = max(min(bend, most), -most)
         self._pdd -= to_d * to_d * gain
         self._pdy -= to_d * to_yaw * gain
         self._pyy -= to_yaw * to_yaw * gain
+        self._pdb -= to_d * to_bend * gain
+        self._pyb -= to_yaw * to_bend * gain
+        self._pbb -= to_bend * to_bend * gain
         return True

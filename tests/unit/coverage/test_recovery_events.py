@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
-PLAN = generate_room(7, np.random.default_rng(7), "turned")
+PLAN = generate_room(11, np.random.default_rng(11), "turned")
 
 
 @pytest.fixture(scope="module")

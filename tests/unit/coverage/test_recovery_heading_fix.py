@@ -346,7 +346,7 @@ def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
 @pytest.mark.parametrize(("left_deg", "enough"), [(0.0, True), (0.59, True), (0.61, False)])
 def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
     """A path that ends with at most three quarters of the threshold makes the fix needless."""
-    run = Uncertain(room(), way_leaves_deg=left_deg, deg_s=0.03, max_time_s=200.0)
+    run = Uncertain(room(), way_leaves_deg=left_deg, deg_s=0.03, max_time_s=190.0)
     uncertainties = [
         float(event.data["uncertainty_deg"])
         for _, event in run.reported
