@@ -61,7 +61,7 @@ class StopRequest(ABC):
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Handle bytes from the port; empty bytes mean that time has passed."""
-        for event in self._link.receive(data, now_ns // 1000) if data else ():
+        for event in self._link.receive(data, now_ns // 1000):
             if isinstance(event, Received):
                 self._take(event)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.evaluation.holes import largest_hole
 from bridge.evaluation.metrics import CoverageMeter, CoverageReport
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
@@ -23,7 +24,9 @@ pytestmark = pytest.mark.slow
 PAPER = RobotModel()
 KINDS = ("box", "turned", "pockets", "columns", "legs", "ell", "corridor", "flat")
 HOLE_WIDTHS = 0.25
-"""Maximum inradius of a tolerated hole, in widths of the mouth."""
+"""Maximum inradius of a tolerated hole, in widths of the mouth. Floor that the mouth reaches only
+when the robot turns towards a wall is not a hole: the planner leaves it if it is not worth its
+time."""
 FINE_SHARE = 0.9
 """Minimum share of runs without a larger hole."""
 
@@ -50,14 +53,17 @@ def robot(seed: int) -> RobotModel:
     )
 
 
-def swept(seed: int) -> tuple[RobotModel, str | None, CoverageReport]:
+def swept(seed: int) -> tuple[RobotModel, str | None, CoverageReport, float]:
+    """Return the results of a run, and the inradius of its largest hole, m."""
     model, kind = robot(seed), KINDS[seed % len(KINDS)]
     plan = generate_room(seed, np.random.default_rng([0x500, seed]), kind, model.radius_m)
     meter = CoverageMeter(plan, model, 0.01)
     limit_s = 8.0 * meter.reference_time_s + 120.0
     planner, noise = RecoveryPlanner(model), LEVELS["typical"]
     run = run_fast(plan, planner, model, seed=seed, noise=noise, max_time_s=limit_s)
-    return model, run.finish_reason, meter.measure(run.poses)
+    report, regions = meter.measure(run.poses), meter.regions
+    unswept = regions.passing & ~np.isfinite(report.first_swept_s)
+    return model, run.finish_reason, report, largest_hole(regions.raster, unswept)[1]
 
 
 @pytest.mark.timeout(3600)
@@ -65,10 +71,10 @@ def swept(seed: int) -> tuple[RobotModel, str | None, CoverageReport]:
 def test_every_robot_ends_by_itself_and_few_leave_a_hole(count: int) -> None:
     fine = 0
     for seed in range(count):
-        model, reason, report = swept(seed)
+        model, reason, report, hole_m = swept(seed)
         assert reason is not None, f"seed {seed} did not end by itself"
         assert "enclosed" not in reason, f"seed {seed}: {reason}"
         share = report.coverage.mouth_passing
         assert share > 0.9, f"seed {seed}: {share:.3f} of the floor"
-        fine += report.hole_inradius_m <= HOLE_WIDTHS * model.cleaning_width_m
+        fine += hole_m <= HOLE_WIDTHS * model.cleaning_width_m
     assert fine >= FINE_SHARE * count, f"{fine} of {count} without a large hole"

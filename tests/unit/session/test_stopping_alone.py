@@ -204,13 +204,27 @@ def test_on_a_bus_every_detected_device_must_confirm() -> None:
     assert request.confirmed == [2, 3]
 
 
-def test_a_status_of_a_later_version_confirms_too() -> None:
-    spec = CATALOGUE.by_class[Status]
-    request, newer = StopEverything(Link), Link(Direction.DEVICE)
+def test_on_a_bus_the_devices_are_known_after_200_ms() -> None:
+    request, device = StopEverything(CanLink), CanLink(Direction.DEVICE)
     request.data_to_send(HostNs(BEGAN_NS))
-    payload = spec.layout.pack(0, StopCause.OPERATOR, 0, 0, 0) + b"more"
-    newer.send_payload(spec.type_id, payload, 0, 1)
-    request.receive(newer.data_to_send(), HostNs(BEGAN_NS))
+    for message in (Sync(0), LATCHED):
+        device.send(message, 0, node=3)
+    request.receive(device.data_to_send(), HostNs(BEGAN_NS + 5 * MS))
+    request.receive(b"", HostNs(BEGAN_NS + 200 * MS - 1))
+    assert request.confirmed_by is None
+    request.receive(b"", HostNs(BEGAN_NS + 200 * MS))
+    assert request.confirmed_by == 3
+
+
+@pytest.mark.parametrize("fields", [b"\0" + bytes([StopCause.OPERATOR]), None])
+def test_a_status_of_another_version_confirms_too(fields: bytes | None) -> None:
+    """The first two fields are enough, and further fields do no harm."""
+    spec = CATALOGUE.by_class[Status]
+    request, other = StopEverything(Link), Link(Direction.DEVICE)
+    request.data_to_send(HostNs(BEGAN_NS))
+    payload = fields or spec.layout.pack(0, StopCause.OPERATOR, 0, 0, 0) + b"more"
+    other.send_payload(spec.type_id, payload, 0, 1)
+    request.receive(other.data_to_send(), HostNs(BEGAN_NS))
     assert request.confirmed_by == 1
 
 
@@ -288,6 +302,11 @@ def test_nothing_goes_out_before_the_next_stop_is_due() -> None:
     (event,) = Link(Direction.DEVICE).receive(first)
     assert isinstance(event, Received)
     assert event.message == Stop(0xFEDC, StopCause.OPERATOR), "the low 16 bits of the id"
+    assert event.frame.t_us == BEGAN_NS // 1000
+    device = Link(Direction.DEVICE)
+    device.send(Ack(0xFEDC, STOP), 0, node=4)
+    request.receive(device.data_to_send(), HostNs(BEGAN_NS))
+    assert request.confirmed_by == 4
 
 
 @pytest.mark.parametrize(
