@@ -424,7 +424,7 @@ def estimation_path() -> Figure:
     begin_s = run.first("start")[0]
     end_s = run.first("finish")[0]
     part = slice(0, sum(t_s <= end_s for t_s in est.t_s), 10)
-    late_s = 660.0
+    late_s = end_s - 120.0
     late = [k for k in range(0, len(est.t_s), 5) if late_s <= est.t_s[k] <= end_s]
     for poses, colour, name, width in (
         (est.odometry, _RED, "wheels and gyro only", 1.2),
@@ -432,8 +432,9 @@ def estimation_path() -> Figure:
     ):
         floor.plot(*_xy([poses[k] for k in late]), color=colour, lw=width, label=name, zorder=4)
     floor.plot(*_xy(_true(run, late_s, end_s)), color=_BLUE, lw=1.0, label="true path", zorder=5)
-    floor.set_xlim(2.4, 5.2)
-    floor.set_ylim(-0.4, 3.4)
+    xs, ys = _xy([*_true(run, late_s, end_s), *(est.odometry[k] for k in late)])
+    floor.set_xlim(min(xs) - 0.3, max(xs) + 0.3)
+    floor.set_ylim(min(ys) - 0.3, max(ys) + 0.3)
     _title(floor, f"two-rooms, noise harsh: {late_s:.0f} to {end_s:.0f} s")
     _legend(floor, 2, bbox_to_anchor=(0.5, -0.17))
     times = np.array(est.t_s[part])
@@ -443,9 +444,9 @@ def estimation_path() -> Figure:
         (est.odometry[part], _RED, "wheels and gyro only"),
         (est.pose[part], _ORANGE, "with walls"),
     ):
-        xs, ys = (np.array(values) for values in _xy(poses))
+        at_x, at_y = (np.array(values) for values in _xy(poses))
         off = np.hypot(
-            xs - np.interp(times, truth_t, true_x), ys - np.interp(times, truth_t, true_y)
+            at_x - np.interp(times, truth_t, true_x), at_y - np.interp(times, truth_t, true_y)
         )
         errors.plot(times, 100.0 * off, color=colour, lw=1.2, label=name, zorder=3)
     band = 200.0 * np.array(est.sigma_m[part])
@@ -915,7 +916,7 @@ def recovery_cliff() -> Figure:
 
 def recovery_stuck() -> Figure:
     """Draw two contacts at one place, and the path along the obstacle."""
-    run = recovery_run("comprehensive")
+    run = recovery_run("two-rooms")
     shut_s, shut = run.first("passage-shut")
     end_s = run.first("perimeter-end", shut_s)[0]
     begin_s = shut_s - 14.0
@@ -923,7 +924,7 @@ def recovery_stuck() -> Figure:
     x, y = float(shut.data["x_m"]), float(shut.data["y_m"])
     spans = (
         (begin_s, shut_s, "two contacts at one place"),
-        (shut_s, end_s, "then along the box"),
+        (shut_s, end_s, "then along the obstacle"),
     )
     for axes, (begin, end, title) in zip(panels, spans, strict=True):
         _floor(axes, run.plan)
