@@ -7,6 +7,8 @@ import random
 from dataclasses import dataclass, field, replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.options import RecoveryOptions
@@ -118,6 +120,43 @@ def test_the_track_learns_the_walls_direction(degrees: float) -> None:
     assert track.distance_m == pytest.approx((0.24 - x * math.tan(yaw)) * math.cos(yaw), abs=0.005)
     assert track.yaw_sigma_rad < 6.0 * DEGREE
     assert track.distance_sigma_m < 0.006
+
+
+@pytest.mark.parametrize("radius_m", [0.1, 0.2, 0.4, 1.0])
+def test_the_track_learns_the_bend_of_a_column(radius_m: float) -> None:
+    """A robot circles a column at a gap of 1 cm. Its beam is 5 cm ahead of the axle."""
+    mount, track = MODEL.infrared_left, WallTrack(MODEL.infrared_left)
+    from_centre_m = radius_m + RADIUS_M + 0.01
+    range_m = from_centre_m - math.sqrt(radius_m**2 - mount.x_m**2) - mount.y_m
+    track.begin(range_m)
+    for _ in range(150):
+        track.move(0.01, 0.01 / from_centre_m)
+        assert track.take(range_m, 4.0, 0.02)
+    assert track.bend_rad_m == pytest.approx(1.0 / from_centre_m, rel=0.02)
+    assert track.yaw_rad == pytest.approx(0.0, abs=0.2 * DEGREE)
+    assert track.distance_m == pytest.approx(RADIUS_M + 0.01, abs=0.0015)
+
+
+@given(
+    steps=st.lists(
+        st.tuples(st.floats(-0.01, 0.01), st.floats(-0.05, 0.05), st.floats(0.04, 0.3)),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_the_track_s_uncertainty_and_bend_stay_valid(
+    steps: list[tuple[float, float, float]],
+) -> None:
+    track = WallTrack(MODEL.infrared_left)
+    track.begin(0.1)
+    for ahead_m, into_rad, range_m in steps:
+        track.move(ahead_m, into_rad)
+        taken = track.take(range_m, 4.0, 0.02)
+        assert track.distance_m is not None
+        assert track.distance_sigma_m >= 0.0
+        assert track.yaw_sigma_rad >= 0.0
+        if taken:
+            assert abs(track.bend_rad_m) * max(track.distance_m, 0.01) <= 0.65 + 1e-9
 
 
 def test_the_track_turns_with_the_robot() -> None:
