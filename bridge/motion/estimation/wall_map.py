@@ -50,6 +50,10 @@ GATE_M, GATE_SIGMAS = 0.06, 2.5
 """Maximum innovation of a known wall: a distance (m) or a number of standard deviations, whichever
 is larger."""
 GATE_RAD = math.radians(5.0)
+JUMP_RAD = math.radians(1.2)
+"""Maximum jump of an over-confident heading due to one piece of a wall, rad. A larger jump needs
+two successive pieces whose directions differ by less than this angle: one piece may contain a step
+between two surfaces."""
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M = 0.5
 """Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
@@ -103,6 +107,8 @@ class WallMap:
         """Number of walls added so far."""
         self._found: Wall | None = None
         """Wall that was last measured again, until :meth:`take_found` returns it."""
+        self._jump_rad: float | None = None
+        """Heading error by the last piece of a known wall, rad; None: it needed no larger jump."""
 
     # -- present estimate -------------------------------------------------------------------
 
@@ -179,13 +185,22 @@ class WallMap:
         if best.chi2 > SAME_CHI2:
             if not same:
                 return False
-            # No other surface can be at this place. So the estimate was over-confident.
+            # No other surface can be at this place. So the estimate was over-confident, or the
+            # piece contains a step.
+            if abs(off_rad) > JUMP_RAD and not self._confirms(off_rad):
+                return False
             ekf.inflate(abs(off_m), abs(off_rad))
+        self._jump_rad = None
         ekf.update(self._index(best.wall), best.rows, best.innovation, noise)
         self._extend(best.wall, measurement, ekf.pose)
         self._found = self.walls[best.wall]
         self._square(best.wall)
         return True
+
+    def _confirms(self, off_rad: float) -> bool:
+        """Return True if the last piece of a wall disagreed with the heading by the same angle."""
+        last, self._jump_rad = self._jump_rad, off_rad
+        return last is not None and abs(off_rad - last) < JUMP_RAD
 
     def _take_direction(self, match: _Match) -> None:
         """Use only the direction of a line that may be a wall or another surface near the wall.

@@ -29,6 +29,30 @@ def test_a_wall_seen_again_takes_the_drift_away() -> None:
     assert pose.x_m == pytest.approx(0.01, abs=0.002), "along the wall nothing is known"
 
 
+def test_a_large_jump_of_the_heading_needs_two_pieces_of_a_wall() -> None:
+    """One piece may contain a step between two boxes that stand beside each other."""
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    step = line(math.pi / 2 - 2.0 * DEGREE, 0.5)
+    assert not room.walls.see_line(step)
+    assert room.filter.pose == ORIGIN
+    assert room.walls.see_line(line(math.pi / 2, 0.5)), "the direction agrees again"
+    assert not room.walls.see_line(step)
+    assert not room.walls.see_line(line(math.pi / 2 + 2.0 * DEGREE, 0.5)), "another direction"
+    assert room.filter.pose.distance_m(ORIGIN) < 0.001
+    assert abs(room.filter.pose.theta_rad) < 0.01 * DEGREE
+
+
+def test_a_wrong_heading_is_corrected_after_two_pieces_of_a_wall() -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.believe(0.0, 0.0, 2.0 * DEGREE)  # 20 standard deviations
+    assert not room.walls.see_line(line(math.pi / 2, 0.5))
+    assert room.walls.see_line(line(math.pi / 2, 0.5))
+    assert abs(room.filter.pose.theta_rad) < 0.2 * DEGREE
+    assert len(room.walls.walls) == 1
+
+
 def test_a_wall_first_seen_while_uncertain_gives_no_more_information() -> None:
     room = Room()
     room.inflate(0.03, 2.0 * DEGREE)
