@@ -309,6 +309,10 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="write the page")
     options = parser.parse_args()
     wanted = None if options.changes is None else options.changes.split(";")
+    names = [change.name for change in CHANGES]
+    unknown = [] if wanted is None else [name for name in wanted if name not in names]
+    if unknown:
+        parser.error(f"no change {unknown[0]!r}: give one of {'; '.join(names)}")
     changes = [change for change in CHANGES if wanted is None or change.name in wanted]
     jobs = jobs_of(range(options.first_seed, options.first_seed + options.seeds), changes)
     results = list(results_of(jobs, kept_at(options.keep), options.jobs))

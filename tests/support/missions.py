@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.robot_model import RobotModel
-from bridge.run.mission import Mission, Phase
+from bridge.run.mission import Mission, Phase, Resume
 from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.messages.values import StopCause
@@ -24,12 +24,21 @@ ENABLED = Outcome(SetMode(2, 1), accepted=True, reason=None)
 STOPPED = Outcome(Stop(3, 1), accepted=True, reason=None)
 
 
-def planned(**options: object) -> Mission:
+class MissionOptions(TypedDict, total=False):
+    """Options of :class:`Mission`, by name."""
+
+    clear_stop: bool
+    max_time_s: float | None
+    at_rest_s: float
+    resume: Resume
+
+
+def planned(**options: Unpack[MissionOptions]) -> Mission:
     """Return a mission that waits for its session."""
-    return Mission(PlanRunner(Spinning(MODEL), MODEL), **options)  # type: ignore[arg-type]  # by name
+    return Mission(PlanRunner(Spinning(MODEL), MODEL), **options)
 
 
-def settling(**options: object) -> Mission:
+def settling(**options: Unpack[MissionOptions]) -> Mission:
     """Return a mission that has stood still since 0.3 s, before its first move."""
     mission = planned(**options)
     mission.on_ready(0.0)
@@ -42,7 +51,7 @@ def settling(**options: object) -> Mission:
     return mission
 
 
-def driving(**options: object) -> Mission:
+def driving(**options: Unpack[MissionOptions]) -> Mission:
     """Return a mission that has been driving since 3 s."""
     mission = settling(**options)
     mission.step(seen(3.0), None, 3.0)

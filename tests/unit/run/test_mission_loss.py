@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import pytest
 
@@ -13,10 +13,12 @@ from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, SetMode, Stop
 from protocol.messages.values import Mode, NackReason, StopCause
 from protocol.retransmission import Outcome
+from support.missions import phase
 from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from bridge.run.runner import Runner
+    from support.missions import MissionOptions
 
 AHEAD = VelocityCommand(0.2, 0.0)
 
@@ -48,14 +50,15 @@ def accepted(message: ClearStop | SetMode | Stop, reason: NackReason | None = No
     return Outcome(message, accepted=reason is None, reason=reason)
 
 
-def made(plan: Plan | None = None, **options: object) -> Mission:
+def made(plan: Plan | None = None, **options: Unpack[MissionOptions]) -> Mission:
     given: Runner = plan or Plan()  # type: ignore[assignment]  # as a Runner
-    return Mission(given, **options)  # type: ignore[arg-type]  # by name
+    return Mission(given, **options)
 
 
-def driving(plan: Plan | None = None, **options: object) -> Mission:
+def driving(plan: Plan | None = None, **options: Unpack[MissionOptions]) -> Mission:
     """Return a mission that has been driving since 16 s."""
-    mission = made(plan, at_rest_s=2.0, **options)
+    options["at_rest_s"] = 2.0
+    mission = made(plan, **options)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)
     mission.on_command(accepted(SetMode(1, 1)), 14.0)
@@ -63,10 +66,6 @@ def driving(plan: Plan | None = None, **options: object) -> Mission:
     assert mission.step(AT_REST, None, 16.0) == AHEAD
     mission.requests()
     return mission
-
-
-def phase(mission: Mission) -> Phase:
-    return mission.phase
 
 
 def ending(mission: Mission) -> Ending | None:
