@@ -57,11 +57,14 @@ between two surfaces."""
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M = 0.5
 """Distance beyond the known part of a wall from which a piece in line may be another wall, m."""
-APART_SIGMA_M = 0.05
-"""Maximum standard deviation of the distance to a wall, m, at which a piece beyond the known part
-of the wall is the same wall. With a larger one it may as well be the side of another obstacle. For
-the same reason, it limits the use of a place that only the ultrasonic sensor measured: two chair
-legs may be 11 cm apart."""
+SAME_PER_M = 12.0
+"""Minimum probability density of the innovation of a distance, 1/m, at which a surface that does
+not overlap the known part of a wall is the same wall. The sides of two obstacles may be parallel
+and some centimetres apart, so this density is fifteen times that of another surface: about 0.8 per
+m."""
+PLACE_SIGMA_M = 0.05
+"""Maximum standard deviation of the distance to a place that only the ultrasonic sensor measured,
+m. With a larger one the echo may come from another place: two chair legs may be 11 cm apart."""
 APART_SHORT_M = 0.1
 """Distance beyond the known part of a wall from which a piece shorter than ``NEW_SPAN_M`` may be
 another wall, m. Such a piece may be part of a column."""
@@ -242,7 +245,7 @@ class WallMap:
             noise = np.array([[measurement.variance + by_skew]])
             s += noise
             chi2 = float(innovation[0] ** 2) / float(s[0, 0])
-            sure = wall.seen_m >= NEW_SPAN_M or s[0, 0] < APART_SIGMA_M**2
+            sure = wall.seen_m >= NEW_SPAN_M or s[0, 0] < PLACE_SIGMA_M**2
             second_chi2 = math.inf if sure else 0.0
             found.append(_Match(i, chi2, second_chi2, rows, innovation, s, noise))
         best = self._choose(found, SAME_CHI1)
@@ -297,7 +300,10 @@ class WallMap:
             _, s = self._ekf.joint_covariance.project(self._index(i), rows)
             s += noise
             chi2 = float(innovation @ np.linalg.solve(s, innovation))
-            sure = s[1, 1] < APART_SIGMA_M**2 or self._beside(wall, i, measurement, pose, 0.0)
+            sure = (
+                self._beside(wall, i, measurement, pose, 0.0)
+                or _density(innovation[1], s[1, 1]) > SAME_PER_M
+            )
             second_chi2 = math.inf if sure else 0.0
             found.append(_Match(i, chi2, second_chi2, rows, innovation, s, noise))
         return self._choose(found, SAME_CHI2)
@@ -488,3 +494,8 @@ def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:
     """Return the position of a point along the wall, m, relative to the wall's anchor point."""
     dx, dy = point[0] - wall.anchor_x_m, point[1] - wall.anchor_y_m
     return dy * math.cos(alpha) - dx * math.sin(alpha)
+
+
+def _density(value: float, variance: float) -> float:
+    """Return the probability density of a value of the normal distribution with mean 0."""
+    return math.exp(-0.5 * value * value / variance) / math.sqrt(math.tau * variance)

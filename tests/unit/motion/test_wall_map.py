@@ -95,6 +95,20 @@ def test_a_piece_beyond_a_wall_is_not_that_wall_for_an_uncertain_pose(
     assert room.filter.pose.y_m == pytest.approx(0.0, abs=0.001)
 
 
+@pytest.mark.parametrize(("off_m", "known"), [(0.01, True), (0.035, False)])
+def test_a_piece_beyond_a_wall_and_off_its_line_may_be_another_surface(
+    off_m: float, *, known: bool
+) -> None:
+    """The sides of two boxes beside each other are parallel, and some centimetres apart."""
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))  # seen from -0.15 to 0.15 m
+    room.inflate(0.016, 0.0)  # 0.035 m are 2.2 standard deviations
+    side = line(math.pi / 2, 0.5 - off_m)
+    assert room.walls.see_line(side._replace(low_m=0.3, high_m=0.6)) is known
+    assert room.filter.pose.y_m == pytest.approx(off_m if known else 0.0, abs=0.001)
+    assert len(room.walls.walls) == 1, "until the pose is better known"
+
+
 def test_a_wall_may_be_as_far_off_as_the_uncertainty() -> None:
     for sigma_m, known in ((0.02, False), (0.06, True)):
         room = Room()
