@@ -145,6 +145,8 @@ class Mission:
         self._was_ready = False
         self._latched = False
         """True if the device's newest status has a latched stop."""
+        self._faults = 0
+        """Fault bits of the device's newest status."""
         self.pending: list[Request] = []
         """Requests that are not fetched yet. Public because the loop checks it in every pass."""
 
@@ -254,6 +256,7 @@ class Mission:
     def on_status(self, status: Status, now_s: float) -> None:
         """Handle the device's status."""
         self._latched = status.stop_cause != StopCause.NONE
+        before, self._faults = self._faults, status.faults
         if self.runner is None or not self._ready:
             return
         cause = status.stop_cause
@@ -262,7 +265,10 @@ class Mission:
                 self._start(cause, now_s)
         elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
             name = label(StopCause, cause)
-            faults = "".join(f", {fault}" for fault in fault_labels(status.faults))
+            held = status.faults
+            if cause == StopCause.HARDWARE:  # the stop may have ended the fault that caused it
+                held |= before
+            faults = "".join(f", {fault}" for fault in fault_labels(held))
             text = f"the device latched a stop (cause: {name}{faults})"
             self._end(
                 now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.session.event_kinds import EventKind
 from bridge.session.link_stats import wire_summary
+from protocol.messages.values import StopCause, label
 
 if TYPE_CHECKING:
     from bridge.evaluation.metrics import CoverageReport
+    from bridge.run.ending import Ending
     from bridge.run.host import Host
 
 
@@ -68,6 +70,7 @@ def run_summary(  # noqa: PLR0913 - the parts of a summary
         "seed": seed,
         "outcome": ending.outcome if ending else "stopped",
         "reason": ending.reason if ending else None,
+        "stop_cause": _stop_cause(ending),
         "duration_s": duration_s,
         "path_m": _round(report.path_m if report else _distance_m(host), 3),
         "turns": runner.turns if runner else None,
@@ -108,6 +111,7 @@ def crash_summary(
         "seed": seed,
         "outcome": "fault",
         "reason": ending.reason if ending else None,
+        "stop_cause": _stop_cause(ending),
         **dict.fromkeys(_UNKNOWN),
         "pose_error_m": {"end": None, "max": None},
         "start_error": None,
@@ -116,6 +120,11 @@ def crash_summary(
         "events": _events(host),
         "log": log,
     }
+
+
+def _stop_cause(ending: Ending | None) -> str | None:
+    """Return the name of the most severe stop at the end; ``session_end``: a normal end."""
+    return label(StopCause, ending.gravity) if ending else None
 
 
 def _start_error(host: Host) -> dict[str, float | None] | None:

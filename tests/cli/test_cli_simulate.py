@@ -41,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def check_keys(summary: dict[str, Any]) -> None:
     # The summary has the documented keys and the reason of the end.
-    assert set(summary) == {*KEYS, "reason"}
+    assert set(summary) == {*KEYS, "reason", "stop_cause"}
     for key, inner in INSIDE.items():
         assert set(summary[key]) >= inner
     assert set(summary["wire"]["frames"]) == set(summary["wire"]["bytes"]) == {"rx", "tx"}
@@ -57,6 +57,7 @@ def test_the_object_of_a_whole_run(recorded: Recorded) -> None:
     check_keys(summary)
     assert summary["room"] == "case-1"
     assert (summary["planner"], summary["seed"], summary["outcome"]) == ("paper", 1, "complete")
+    assert summary["stop_cause"] == "session_end"
     assert summary["log"] == str(recorded.log)
     assert summary["wire"]["lost"] == summary["wire"]["crc_errors"] == 0
     assert 0.0 <= summary["pose_error_m"]["end"] <= summary["pose_error_m"]["max"] < 0.1

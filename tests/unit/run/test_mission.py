@@ -17,8 +17,9 @@ from bridge.run.mission import (
     Phase,
     Request,
 )
+from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, Stop
-from protocol.messages.values import Mode, NackReason, StopCause
+from protocol.messages.values import Fault, Mode, NackReason, StopCause
 from protocol.retransmission import Outcome
 from support.ends import Spinning
 from support.missions import (
@@ -87,6 +88,19 @@ def test_a_stop_latched_meanwhile_ends_the_run() -> None:
     assert ending(mission).exit_status == 5
     assert "hardware" in ending(mission).reason
     assert mission.step(seen(4.1), None, 4.1) is None
+
+
+@pytest.mark.parametrize(
+    ("cause", "named"),
+    [(StopCause.HARDWARE, "hardware, motor_stall, lifted"), (StopCause.LINK, "link, lifted")],
+)
+def test_the_reason_of_a_hardware_stop_names_the_fault_that_the_stop_ended(
+    cause: StopCause, named: str
+) -> None:
+    mission = driving()
+    mission.on_status(Status(Mode.VELOCITY, 0, Fault.MOTOR_STALL, 0, 0), 3.9)
+    mission.on_status(Status(Mode.VELOCITY, cause, Fault.LIFTED, 0, 0), 4.0)
+    assert ending(mission).reason == f"the device latched a stop (cause: {named})"
 
 
 @pytest.mark.parametrize(
