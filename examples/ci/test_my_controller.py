@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import bridge
+from bridge.errors import StoppedForSafetyError
 
 if TYPE_CHECKING:
     from bridge.api.robot import Robot
@@ -43,6 +44,15 @@ def test_a_wheel_that_jams_is_noticed(sweeper: SimulatedSweeper) -> None:
     sweeper.drive(0.1, 0.0, for_s=2.0)
     assert sweeper.truth.path_m < 0.15
     assert abs(sweeper.truth.heading_rad) > 0.1
+
+
+@pytest.mark.sweeper(room="empty", noise="none")
+def test_a_stalled_motor_stops_the_robot(sweeper: SimulatedSweeper) -> None:
+    sweeper.enable()
+    sweeper.fault("wheel-stuck:side=left")
+    with pytest.raises(StoppedForSafetyError, match="hardware, motor_stall"):
+        sweeper.drive(0.15, 0.0, for_s=6.0)
+    assert sweeper.stop_cause.name == "HARDWARE"
 
 
 @pytest.mark.sweeper(room="empty", noise="none")

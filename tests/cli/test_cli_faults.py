@@ -165,6 +165,13 @@ def test_switched_while_it_runs(device: Path) -> None:
     assert "active: none" in done.out
 
 
+def test_the_true_state_is_printed(device: Path) -> None:
+    truth = sweepctl("fault", device, "--truth", "--json").json["truth"]
+    assert (truth["path_m"], truth["collisions"]) == (0.0, 0)
+    assert truth["time_s"] > 0.0
+    assert "collisions: 0" in sweepctl("fault", device, "--truth").out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -53,7 +53,8 @@ def test_the_script_runs_as_it_stands(tmp_path: Path) -> None:
     summary = json.loads((out / "run.json").read_text())
     assert summary["outcome"] == "stopped"
     assert summary["wire"]["crc_errors"] == 0
-    assert sorted(p.name for p in out.iterdir()) == ["run.json", "run.mcap"]
+    assert json.loads((out / "truth.json").read_text())["truth"]["path_m"] > 0.1
+    assert sorted(p.name for p in out.iterdir()) == ["run.json", "run.mcap", "truth.json"]
     runtime = tmp_path / f"sweepctl-{os.getuid()}"  # the user's socket folder must be empty
     assert not runtime.exists() or not list(runtime.iterdir())
     left = {p.name for p in tmp_path.iterdir()}
@@ -88,7 +89,7 @@ def test_the_users_test_passes(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout
-    assert "3 passed" in done.stdout
+    assert "4 passed" in done.stdout
 
 
 # ---- the workflow -----------------------------------------------------------------------
@@ -186,7 +187,7 @@ def test_the_workflows_figure_holds() -> None:
 def test_the_script_names_existing_commands() -> None:
     found = commands((EXAMPLES / "emulated-run.sh").read_text(), "sweepctl")
     reported = [words for words in found if len(words) > 2]
-    assert [words[1] for words in reported] == ["emulate", "connect"]
+    assert [words[1] for words in reported] == ["emulate", "connect", "fault"]
     for words in reported:
         check_command([w for w in words if w != ")"])
     assert "sleep " not in (EXAMPLES / "emulated-run.sh").read_text().replace("no sleep,", "")
@@ -198,13 +199,14 @@ def test_the_page_links_exist(link: str) -> None:
 
 
 def test_the_page_shows_the_example_unchanged() -> None:
-    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    codes = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(codes) == 2
     example = (EXAMPLES / "test_my_controller.py").read_text()
     without_types = re.sub(
         r"(: [\w.| ]+)(?=[,)])|(\) -> [^:]+)(?=:)", lambda m: ")" if m[2] else "", example
     )
     squeezed = re.sub(r"\s+", "", without_types)
-    for block in code.split("\n\n"):
+    for block in "\n\n".join(codes).split("\n\n"):
         lines = [line for line in block.splitlines() if line.strip() and '"""' not in line]
         for line in lines:
             assert re.sub(r"\s+", "", line) in squeezed, line

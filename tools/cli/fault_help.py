@@ -112,6 +112,7 @@ sweepctl emulate case-1 --pty-link /tmp/sweeper --control /tmp/sweeper.ctl &
 sweepctl fault /tmp/sweeper.ctl silence:0.5 person:10:ahead=0.6
 sweepctl fault /tmp/sweeper.ctl --list
 sweepctl fault /tmp/sweeper.ctl --clear person
+sweepctl fault /tmp/sweeper.ctl --truth      # the true pose, path, collisions and energy
 ```
 
 Without `@time` a fault begins at once; `@+2` means in two seconds. The control socket is a Unix
