@@ -104,6 +104,7 @@ bench: venv ## speed of wire, round trip, runs, recording, export, decisions; me
 
 FIRMWARE = PATH="$(CURDIR)/$(BIN):$$PATH" $(MAKE) --no-print-directory --silent -C sim_device/firmware
 firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of the boards
+	@echo 'Macros: $(or $(DEFINES),none (DEFINES sets them))'
 	@$(FIRMWARE) boards BUILD=$(CURDIR)/build/firmware
 	@$(BIN)/python -m tools.dev.firmware_report build/firmware/boards
 	@echo "Core with small buffers on a Cortex-M3 (64 KiB of flash, 20 KiB of RAM in an STM32F103):"
@@ -132,7 +133,7 @@ soak: venv ## 500 runs with random faults, a simulated day, ten minutes of a ful
 mutants: venv ## change the safety code in every small way and see a test fail: an hour or more
 	@PYTHONPATH=tests nice $(BIN)/python -m mutation.run
 
-GENERATORS = api_reference command_help file_reference firmware_tables json_schemas run_columns
+GENERATORS = api_reference command_help file_reference firmware_tables json_schemas planner_reference run_columns
 generated: venv ## every generated file of the repository: codec, specification, tables, reference pages
 	@$(BIN)/python -m tools.sweepctl generate c --out sim_device/firmware/protocol --force
 	@$(BIN)/python -m tools.sweepctl generate md --out docs/protocol --force
