@@ -26,18 +26,19 @@ class Finish:
     """Returned instead of a leg when the plan has ended."""
 
     reason: str
+    """Sentence for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerEvent:
-    """A decision.
-
-    ``kind`` is a fixed code of the planner, ``reason`` is a sentence for the user.
-    """
+    """A decision."""
 
     kind: str
+    """Fixed code of the planner."""
     reason: str
+    """Sentence for the user."""
     data: dict[str, Scalar] = field(default_factory=dict)
+    """Figures of the decision, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class PlannerState:
     """The paper's variables (Table 1) and the state of the planner."""
 
     state: str = "idle"
+    """Name of the state; a planner chooses its own names."""
     turn_count: int = 0
     """Turn count T."""
     lane_distance_m: float = 0.0

@@ -20,8 +20,11 @@ class Pose2(NamedTuple):
     """
 
     x_m: float
+    """Position, m."""
     y_m: float
+    """Position, m; y is to the left of x."""
     theta_rad: float
+    """Heading, rad; 0: along x, positive: counter-clockwise."""
 
     def transform(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Transform a point of the body frame to the frame of this pose (paper eq. 1)."""

@@ -20,6 +20,7 @@ class Drive:
     """
 
     heading_rad: float
+    """Direction of the line in the frame of the estimate, rad."""
     distance_m: float | None = None
     """Length along the line, m; negative: backwards; None: no limit."""
     speed_m_s: float | None = None
@@ -44,11 +45,14 @@ class Turn:
     """Turn in place to a heading, in the shorter direction; or turn along an arc to a line."""
 
     heading_rad: float
+    """Heading at the end, rad."""
     flowing: bool = False
     """True: end the leg during the turn, within ``MotionTuning.flow_rad`` of the heading. The next
     leg follows immediately and steers to the heading."""
     timeout_s: float = 15.0
+    """Time limit, s."""
     purpose: str = "turn"
+    """As for ``Drive``."""
     across_m: float = 0.0
     """Distance of the line on which an arc ends, m; positive: to the left of ``heading_rad``. The
     robot turns towards the line. 0: turn in place."""
@@ -59,19 +63,27 @@ class GoTo:
     """Drive straight to a point. If the point is far off the heading, turn in place first."""
 
     x_m: float
+    """Point in the frame of the estimate, m."""
     y_m: float
+    """Point in the frame of the estimate, m."""
     speed_m_s: float | None = None
+    """As for ``Drive``."""
     stop_range_m: float | None = None
+    """As for ``Drive``."""
     timeout_s: float | None = None
+    """As for ``Drive``."""
     purpose: str = "goto"
+    """As for ``Drive``."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class Dwell:
     """Stand still, so that the estimator can measure the gyro bias."""
 
     duration_s: float
-    purpose: str = "rest"
+    """Duration of the standstill, s."""
+    purpose: str = "dwell"
+    """As for ``Drive``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +102,16 @@ class FollowWall:
     """True: begin with a contact on that side, even if the infrared sensor does not detect the
     wall."""
     distance_m: float | None = None
+    """Maximum length of the path, m; None: no limit."""
     speed_m_s: float | None = None
+    """Speed, m/s; None: the robot's cruise speed."""
     timeout_s: float = 600.0
+    """Time limit, s."""
     purpose: str = "perimeter"
+    """As for ``Drive``."""
 
 
-Leg = Drive | Turn | GoTo | Rest | FollowWall
+Leg = Drive | Turn | GoTo | Dwell | FollowWall
 
 
 class StopReason(enum.StrEnum):
@@ -108,10 +124,13 @@ class StopReason(enum.StrEnum):
     RANGE = "range"
     """The ultrasonic range has reached the stop range."""
     BUMPER = "bumper"
+    """A bumper switch has closed."""
     CLIFF = "cliff"
+    """The cliff sensor has detected no floor."""
     STALLED = "stalled"
     """The robot was commanded to move, but its estimate did not change."""
     TIMEOUT = "timeout"
+    """The time limit is over."""
     LOST = "lost"
     """There is no wall to follow."""
     CANCELLED = "cancelled"
@@ -133,10 +152,16 @@ class LegResult:
     """Result of a leg. The robot stands, except after a flowing or a cancelled leg."""
 
     leg: Leg
+    """The leg that has ended."""
     reason: StopReason
+    """Reason why it ended."""
     distance_m: float
     """Distance along the leg's line, m, with the sign of ``Drive.distance_m``; 0 for a turn."""
     duration_s: float
+    """Duration of the leg, s."""
     pose: Pose2
+    """Estimated pose at the end."""
     bumper_left: bool = False
+    """True if the left bumper switch is closed at the end."""
     bumper_right: bool = False
+    """True if the right bumper switch is closed at the end."""

@@ -18,14 +18,19 @@ class Observation(NamedTuple):
     v_m_s: float
     """Estimated forward speed, m/s."""
     yaw_rate_rad_s: float
+    """Estimated yaw rate, rad/s; positive: counter-clockwise."""
     ultrasonic_m: float | None
     """Range of the ultrasonic sensor, m; None: no echo."""
     infrared_left_m: float | None
     """Range of the left infrared sensor, m; None: nothing in range."""
     infrared_right_m: float | None
+    """Range of the right infrared sensor, m; None: nothing in range."""
     bumper_left: bool
+    """True if the left bumper switch is closed."""
     bumper_right: bool
+    """True if the right bumper switch is closed."""
     cliff: bool
+    """True if a barrier of the cliff sensor detects no floor."""
     gyro_bias_sigma_rad_s: float = 0.0
     """Standard deviation of the gyro bias, rad/s. A standstill reduces it."""
     heading_sigma_rad: float = 0.0

@@ -34,7 +34,7 @@ from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.runner import PlanRunner
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Rest
+from bridge.motion.legs import Dwell
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, STEP_S, FastWorld
@@ -125,7 +125,7 @@ class Timed(RecoveryPlanner):
         decision.cpu_ns += cpu_ns
         decision.searched |= self.context.searches > self._searches
         self._searches = self.context.searches
-        if isinstance(leg, Rest) and leg.purpose == "think":
+        if isinstance(leg, Dwell) and leg.purpose == "think":
             self._open = decision
             return
         decision.stood = round((obs.time_s - decision.begun_s) / STEP_S)

@@ -28,7 +28,7 @@ import numpy as np
 
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.motion.legs import Rest
+from bridge.motion.legs import Dwell
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
 from tools.experiment.room_generator import generate_room
@@ -119,7 +119,7 @@ class Forgetful(RecoveryPlanner):
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
         # A search is one decision, so the map is not reduced between two of its slices.
-        searching = isinstance(result.leg, Rest) and result.leg.purpose == "think"
+        searching = isinstance(result.leg, Dwell) and result.leg.purpose == "think"
         if self._keep is not None and not searching:
             self._ended += 1
             if self._ended % self._every == 0:

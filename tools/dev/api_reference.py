@@ -72,7 +72,7 @@ def page() -> str:
                 parts += [f"### {name}\n", _text(member)]
             else:
                 parts += [f"### {name}()\n", _signature(name, member), _text(member)]
-    parts += ["## Errors\n", _error_table()]
+    parts += ["## Errors\n", "The errors are in the module `bridge.errors`.\n", _error_table()]
     return "\n".join(parts).rstrip() + "\n"
 
 

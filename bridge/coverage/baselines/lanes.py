@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bridge.coverage.planner import Step
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.legs import Drive, Leg, LegResult, Rest, StopReason, Turn
+from bridge.motion.legs import Drive, Dwell, Leg, LegResult, StopReason, Turn
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -94,7 +94,7 @@ class LaneSweep:
             Drive(heading_rad, stop_range_m=options.stop_range_m, purpose="lane"),
         )
         if options.rest_s > 0.0:
-            yield Rest(options.rest_s)
+            yield Dwell(options.rest_s)
         return lane
 
     def side_step(self, pose: Pose2, distance_m: float) -> Part:

@@ -10,7 +10,7 @@ from bridge.coverage.recovery.observing import ObservationMonitor
 from bridge.coverage.recovery.occlusions import OccludedRegion, OccludedRegions
 from bridge.coverage.recovery.stuck import StuckPolicy
 from bridge.coverage.recovery.wall_segments import WallSegments
-from bridge.motion.legs import Rest
+from bridge.motion.legs import Dwell
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -103,4 +103,4 @@ class RecoveryContext:
                 found: Found = stop.value
                 return found
             self.enter("think")
-            yield Rest(0.0, purpose="think")
+            yield Dwell(0.0, purpose="think")

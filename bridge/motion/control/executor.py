@@ -17,11 +17,11 @@ from bridge.motion.estimation.range_filter import RangeAhead
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import (
     Drive,
+    Dwell,
     FollowWall,
     GoTo,
     Leg,
     LegResult,
-    Rest,
     StopReason,
     Turn,
 )
@@ -110,7 +110,7 @@ class LegExecutor:
         if isinstance(leg, Turn):
             self._timeout_s = leg.timeout_s
             return
-        if isinstance(leg, Rest):
+        if isinstance(leg, Dwell):
             self._timeout_s = math.inf
             return
         if isinstance(leg, FollowWall):

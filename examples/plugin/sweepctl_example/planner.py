@@ -11,10 +11,9 @@ from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Drive, StopReason, Turn
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Generator, Sequence
 
-    from bridge.coverage.baselines.random_bounce import RandomSource
-    from bridge.coverage.planner import Script
+    from bridge.coverage.planner import Step
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
@@ -38,7 +37,7 @@ class FixedTurnPlanner(ScriptedPlanner):
         super().__init__(model)
         self.options = options
 
-    def script(self, obs: Observation) -> Script:
+    def script(self, obs: Observation) -> Generator[Drive | Turn, Step, str]:
         """Plan from the pose in ``obs``."""
         heading = obs.pose.theta_rad
         for _ in range(self.options.legs):
@@ -55,7 +54,7 @@ class FixedTurnPlanner(ScriptedPlanner):
         return f"{self.options.legs} legs are done"
 
 
-def make(model: RobotModel, rng: RandomSource, options: Sequence[str]) -> FixedTurnPlanner:
+def make(model: RobotModel, rng: object, options: Sequence[str]) -> FixedTurnPlanner:
     """The entry point: a planner for this robot, with the options of the command line."""
     del rng  # this planner needs no chance
     return FixedTurnPlanner(model, parse_options(Options, options))

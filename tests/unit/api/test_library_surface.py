@@ -14,6 +14,7 @@ from bridge.errors import CommandRejectedError, OutputExistsError, Remedy, Stopp
 from bridge.run.ending import Ending, cannot_move
 from protocol.messages.device import Imu, Range, Status
 from tools.cli.remedies import error_line
+from tools.dev import planner_reference
 from tools.dev.api_reference import PATH, documented, page
 from tools.virtual.settings import SweeperSettings
 from tools.virtual.simulated_sweeper import SimulatedSweeper
@@ -102,6 +103,13 @@ def test_open_has_the_options_of_a_robot() -> None:
 
 def test_the_reference_page_is_fresh() -> None:
     assert PATH.read_text("utf-8") == page(), "run `python -m tools.dev.api_reference`"
+
+
+def test_the_page_of_a_planners_interface_is_fresh_and_complete() -> None:
+    text = planner_reference.page()
+    found = planner_reference.PATH.read_text("utf-8")
+    assert found == text, "run `python -m tools.dev.planner_reference`"
+    assert "|  |\n" not in text, "a field without a docstring"
 
 
 def test_everything_on_the_reference_page_is_documented_and_typed() -> None:

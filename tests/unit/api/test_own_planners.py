@@ -11,7 +11,7 @@ import pytest
 
 from bridge.coverage.planner import Finish, PlannerError, PlannerState
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.legs import Drive, GoTo, Leg, Rest, Turn
+from bridge.motion.legs import Drive, Dwell, GoTo, Leg, Turn
 from bridge.motion.robot_model import RobotModel
 from protocol.messages.values import StopCause
 from tools.virtual.settings import SweeperSettings
@@ -99,7 +99,7 @@ class Once(Whole):
         (Drive, "wary", "no", "True or False"),
         (GoTo, "y_m", math.inf, "a finite number"),
         (Turn, "timeout_s", None, "a finite number"),
-        (Rest, "duration_s", True, "a finite number"),
+        (Dwell, "duration_s", True, "a finite number"),
         (Turn, "purpose", 7, "a text"),
     ],
 )
@@ -118,11 +118,11 @@ def test_a_leg_with_a_wrong_field_ends_the_run_as_a_fault_that_names_it(
 def test_an_invalid_leg_ends_the_run_as_a_fault_that_names_it(leg: object) -> None:
     summary = SimulatedSweeper(SweeperSettings()).clean(Once(leg))
     assert summary["outcome"] == "fault"
-    assert f"Once gave {leg!r}; a leg is one of Drive, Turn, GoTo, Rest" in summary["reason"]
+    assert f"Once gave {leg!r}; a leg is one of Drive, Turn, GoTo, Dwell" in summary["reason"]
 
 
 def test_an_integer_beyond_every_number_is_named() -> None:
-    summary = SimulatedSweeper(SweeperSettings()).clean(Once(Rest(10**400)))
+    summary = SimulatedSweeper(SweeperSettings()).clean(Once(Dwell(10**400)))
     assert "has duration_s = 100000000000000000...0000000000000000000; it must" in summary["reason"]
 
 

@@ -16,7 +16,7 @@ from bridge.coverage.planner import Finish, Planner, PlannerEvent
 from bridge.coverage.registry import PLANNERS, UnknownPlannerError, make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
+from bridge.motion.legs import Drive, Dwell, GoTo, Leg, LegResult, StopReason, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
@@ -55,7 +55,7 @@ class Corridor:
         if isinstance(leg, Turn):
             self.pose = self.pose._replace(theta_rad=leg.heading_rad)
             return LegResult(leg, StopReason.DONE, 0.0, 1.0, self.pose)
-        if isinstance(leg, Rest):
+        if isinstance(leg, Dwell):
             return LegResult(leg, StopReason.DONE, 0.0, leg.duration_s, self.pose)
         if isinstance(leg, GoTo):
             self.log.append(("goto", leg.x_m, leg.y_m))

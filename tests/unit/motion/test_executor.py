@@ -11,7 +11,7 @@ import pytest
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.control.executor import LegExecutor
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Drive, FollowWall, GoTo, Leg, LegResult, Rest, StopReason, Turn
+from bridge.motion.legs import Drive, Dwell, FollowWall, GoTo, Leg, LegResult, StopReason, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import STEP_S, TYPICAL, KinematicWorld
@@ -174,7 +174,7 @@ def test_go_to_stops_before_an_obstacle() -> None:
 
 def test_rest_stands_still_for_its_time() -> None:
     driver = Driver(world_at(2.0, 2.0))
-    result = driver.run(Rest(0.5))
+    result = driver.run(Dwell(0.5))
     assert result.reason is StopReason.DONE
     assert result.duration_s == pytest.approx(0.5, abs=3 * STEP_S)
     assert set(driver.commands) == {HALT}

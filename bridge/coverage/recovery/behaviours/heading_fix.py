@@ -10,7 +10,7 @@ from bridge.coverage.recovery.behaviours.perimeter import turn
 from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.search import Choice
 from bridge.coverage.recovery.wall_segments import HEADING_RUN_M
-from bridge.motion.legs import Drive, Rest
+from bridge.motion.legs import Drive, Dwell
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -97,5 +97,5 @@ class HeadingFix:
             purpose="heading-fix",
         )
         yield from drive(context, leg)
-        yield Rest(_READ_S, purpose="heading-fix")
+        yield Dwell(_READ_S, purpose="heading-fix")
         return begun_rad
