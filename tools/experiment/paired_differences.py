@@ -39,8 +39,9 @@ class PairedDifference(NamedTuple):
         """Return the difference with its margin; a star if it is certain."""
         if math.isinf(self.margin):
             return f"{scale * self.mean:+.{digits}f}"
-        star = " *" if self.certain else ""
-        return f"{scale * self.mean:+.{digits}f} ± {scale * self.margin:.{digits}f}{star}"
+        mean = f"{scale * self.mean:+.{digits}f}"
+        star = " *" if self.certain and float(mean) else ""
+        return f"{mean} ± {scale * self.margin:.{digits}f}{star}"
 
 
 def difference(pairs: Sequence[Pair], figure: str) -> PairedDifference:

@@ -70,7 +70,7 @@ def sensitivity_table(rows: Sequence[Row]) -> Table:
         "Sensitivity to the tuned constants",
         (
             *("constant", "default", "value", "pairs", "mouth", "worst", "time ratio"),
-            *("collisions", "not complete"),
+            *("collisions per run", "not complete"),
         ),
         lines,
         "Differences from the run with the default in the same room with the same seed, with the "

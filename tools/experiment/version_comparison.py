@@ -83,7 +83,8 @@ def versions_table(pairs: Sequence[Pair], was: str, now: str) -> Table:
         f"{now} against {was}, run by run",
         (
             *("planner", "noise", "robot", "pairs", "mouth before, %", "difference", "worst"),
-            *("better / worse", "time ratio before", "difference", "path ratio", "collisions"),
+            *("better / worse", "time ratio before", "difference", "path ratio"),
+            "collisions per run",
             "ends changed",
         ),
         lines,
