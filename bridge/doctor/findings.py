@@ -19,8 +19,8 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "the device's RX, and that no serial console uses the device's receiver",
         "waiting": "run the doctor without --listen; without a handshake a sweeper sends only a "
         "hello each second",
-        "wrong_baud": "set --baud to the rate of the firmware, or check that the device is a "
-        "sweeper",
+        "wrong_baud": "find the rate with --find-baud and set --baud to it, or check that the "
+        "device is a sweeper",
         "echo": "RX and TX are connected to each other, or the adapter echoes; separate the wires "
         "or turn the echo off",
         "other_node": "set --node to the number of the device that answers, or omit --node",
