@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.motion.control.braking import Braking
+from bridge.motion.control.tuning import MotionTuning
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerReports
@@ -32,7 +33,7 @@ _ROUNDING_M = 1e-9
 class WallFollowing:
     """Progress of a perimeter pass."""
 
-    __slots__ = ("brisk_s", "checked_m", "distance_m", "last_pose", "min_m", "side", "stale")
+    __slots__ = ("checked_m", "distance_m", "last_pose", "min_m", "side", "stale")
 
     def __init__(self) -> None:
         """Begin without a wall."""
@@ -48,8 +49,6 @@ class WallFollowing:
         """Number of checks in a row that found swept floor ahead."""
         self.last_pose: Pose2 | None = None
         """Pose at the last observation of this leg."""
-        self.brisk_s = -math.inf
-        """Time of the last observation with a speed that is too high for a corner, s."""
 
     def begin_pass(self, min_m: float) -> None:
         """Begin a pass that cannot be complete before a path of ``min_m``, m."""
@@ -78,7 +77,8 @@ class ObservationMonitor:
         self._model, self._options = model, options
         self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
-        self._brake = Braking(options.brake_share * model.max_accel_m_s2, options.latency_s)
+        tuning = MotionTuning()
+        self._brake = Braking(tuning.brake_share * model.max_accel_m_s2, tuning.lag_s)
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
@@ -136,8 +136,6 @@ class ObservationMonitor:
     def _follow(self, obs: Observation) -> bool:
         """Process an observation during a perimeter pass. Return True if the pass is complete."""
         wall = self.wall
-        if obs.v_m_s > self._options.brisk_m_s:
-            wall.brisk_s = obs.time_s
         last, wall.last_pose = wall.last_pose, obs.pose
         rounds_corner = abs(obs.yaw_rate_rad_s) >= self._geometry.round_rad_s
         self._segments.follow(obs.pose, wall.side, straight=not rounds_corner)

@@ -133,14 +133,6 @@ class RecoveryOptions:
     further contact within ``same_bump_m`` increases the turn."""
     same_bump_m: float = 0.06
     """Maximum path between two contacts that count as contacts at the same place, m."""
-    brisk_stop_s: float = 0.5
-    """Maximum time from a high speed to standstill, s. A robot that was so fast shortly before was
-    not in a corner, so it did not graze the corner."""
-    min_turn_rad: float = math.radians(2.0)
-    """Minimum turn in place, rad. For a smaller turn the robot steers in the next leg."""
-    fresher: float = 0.1
-    """Minimum difference of the unswept shares on both sides at which the robot chooses the left
-    side."""
 
     # -- transit ---------------------------------------------------------------------------------
     bend_rad: float = math.radians(15.0)
@@ -193,13 +185,6 @@ class RecoveryOptions:
     """Minimum speed at which the heading is used for the main direction of the walls, m/s."""
     on_lane_m_s: float = 0.1
     """Minimum speed from which the robot counts as on its lane, m/s."""
-    brake_share: float = 0.75
-    """Share of the acceleration limit that planned braking uses. The controllers use the same
-    share."""
-    latency_s: float = 0.10
-    """Time from a command to the response of the wheels, s."""
-    brisk_m_s: float = 0.15
-    """Minimum speed that counts as high, m/s. The robot never drives so fast in a corner."""
     closed_after_m: float = 0.25
     """Minimum path before a perimeter pass can be complete, m. The pass may begin on floor that a
     lane has swept."""

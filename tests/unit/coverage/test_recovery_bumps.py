@@ -132,20 +132,11 @@ def test_clearing_bumps_keeps_observed_evidence() -> None:
 class Following:
     """A perimeter pass with the wall on the right, and repeated bumps at one position."""
 
-    def __init__(
-        self, bearing_deg: float = 0.0, *, brisk: bool = False, model: RobotModel = MODEL
-    ) -> None:
+    def __init__(self, bearing_deg: float = 0.0, *, model: RobotModel = MODEL) -> None:
         self.context = context_at(AT_REST._replace(pose=HERE), model)
-        self.context.monitor.wall.brisk_s = 0.6 if brisk else 0.4  # the leg ends at 1 s
         if bearing_deg:
             standing(self.context.map, -75.0, 0.002)  # the followed wall
             standing(self.context.map, bearing_deg)
-
-    def brisk_after(self, time_s: float, v_m_s: float, side: int) -> float:
-        """Return the last time above the corner speed, after one more observation."""
-        self.context.monitor.wall.side = side
-        self.context.monitor.observe(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
-        return self.context.monitor.wall.brisk_s
 
     def speed_limit_m_s(self, side: int, v_m_s: float, yaw_rate_rad_s: float) -> float:
         """Return the speed limit at an observation along a wall on a side."""
@@ -155,11 +146,8 @@ class Following:
         monitor.observe(seen._replace(v_m_s=v_m_s, yaw_rate_rad_s=yaw_rate_rad_s))
         return monitor.speed_limit_m_s
 
-    def turns_deg(self, path_m: float, count: int, rest_s: float = 0.0) -> list[float]:
-        """Return the turns away from the wall, with a bump after each path of this length.
-
-        ``rest_s``: a rest for the gyro between the end of a leg and the next one.
-        """
+    def turns_deg(self, path_m: float, count: int) -> list[float]:
+        """Return the turns away from the wall, with a bump after each path of this length."""
         turns: list[float] = []
         monitor = self.context.monitor
         script = follow_perimeter(self.context, left=False)
@@ -173,27 +161,8 @@ class Following:
                 turns.append(math.degrees(leg.heading_rad))
             reason = StopReason.BUMPER if bumped else StopReason.DISTANCE
             result = LegResult(leg, reason, path_m, 1.0, HERE, bumper_right=bumped)
-            if bumped and rest_s:
-                monitor.obs = monitor.obs._replace(time_s=1.0 + rest_s)
             leg = script.send(Step(result, monitor.obs))
         return turns
-
-
-def test_after_fast_following_the_robot_turns_until_the_contact_is_abeam() -> None:
-    assert Following(-45.0, brisk=True).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
-
-
-def test_a_rest_before_the_next_leg_does_not_hide_that_it_was_brisk() -> None:
-    turned = Following(-45.0, brisk=True).turns_deg(0.3, 1, rest_s=2.0)
-    assert turned == pytest.approx([45.0], abs=5.0)
-    assert Following(-45.0).turns_deg(0.3, 1, rest_s=2.0) == pytest.approx([15.0], abs=5.0)
-
-
-def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
-    planner = Following(-45.0)
-    assert planner.brisk_after(5.0, 0.2, side=0) == 0.4
-    assert planner.brisk_after(6.0, 0.2, side=-1) == 6.0
-    assert planner.brisk_after(7.0, 0.1, side=-1) == 6.0
 
 
 @pytest.mark.parametrize(
@@ -219,17 +188,17 @@ def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() ->
         assert leg.speed_m_s == pytest.approx(speed_m_s)
 
 
-def test_a_slow_robot_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
+def test_the_first_contact_may_be_a_corner_of_the_followed_wall_the_second_not() -> None:
     assert Following(-45.0).turns_deg(0.3, 2) == pytest.approx([15.0, 15.0], abs=5.0)
     assert Following(-45.0).turns_deg(0.03, 2) == pytest.approx([15.0, 45.0], abs=5.0)
 
 
 def test_repeated_contact_turns_farther_each_time() -> None:
-    turns = Following(-57.0, brisk=True).turns_deg(0.03, 5)
-    assert turns[0] == pytest.approx(33.0, abs=5.0)
+    turns = Following(-57.0).turns_deg(0.03, 5)
+    assert turns[1] == pytest.approx(33.0, abs=5.0)
     assert turns[3:] == pytest.approx([48.0, 60.0])
-    assert max(Following(-57.0, brisk=True).turns_deg(0.03, 20)) == pytest.approx(90.0)
-    assert Following(-57.0, brisk=True).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
+    assert max(Following(-57.0).turns_deg(0.03, 20)) == pytest.approx(90.0)
+    assert Following(-57.0).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
 
 
 def goes_on(context: RecoveryContext) -> bool:

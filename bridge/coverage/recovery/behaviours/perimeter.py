@@ -28,11 +28,9 @@ def _touches_only(result: LegResult, side: int) -> bool:
 
 
 def turn(
-    context: RecoveryContext, heading_rad: float, min_rad: float | None = None
+    context: RecoveryContext, heading_rad: float, min_rad: float = 0.0
 ) -> Generator[Leg, Step]:
     """Turn in place to a heading, rad, if the turn is at least ``min_rad``."""
-    if min_rad is None:
-        min_rad = context.options.min_turn_rad
     if abs(wrap_angle(heading_rad - context.pose.theta_rad)) > min_rad:
         yield Turn(wrap_angle(heading_rad), flowing=True)
 
@@ -62,7 +60,7 @@ def follow_perimeter(
     felt = not (model.infrared_left if left else model.infrared_right).fitted
     while True:
         wall.begin_leg(side)
-        begun_m, begun_s = wall.distance_m, context.obs.time_s
+        begun_m = wall.distance_m
         step = yield FollowWall(
             left, options.perimeter_gap_m, touching=touching, speed_m_s=speed_m_s
         )
@@ -84,12 +82,10 @@ def follow_perimeter(
             break
         # Turn until the contact is beside the robot. A contact on the other side is an inner
         # corner.
-        ended_s = begun_s + result.duration_s  # the robot may have stood still since then
-        is_ahead = again or ended_s - wall.brisk_s < options.brisk_stop_s
         if abeam:
             away = FELT_RAD
         else:
-            away = side * context.map.bearing_rad(result, beside=side if is_ahead else 0)
+            away = side * context.map.bearing_rad(result, beside=side if again else 0)
         away = max(QUARTER - away, min(options.min_away_rad * (1 + again), QUARTER))
         heading = result.pose.theta_rad - side * away
         ahead = Pose2(context.pose.x_m, context.pose.y_m, heading)

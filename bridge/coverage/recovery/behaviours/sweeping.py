@@ -71,7 +71,7 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
     fresh = context.monitor.fresh_along
     ahead_left = fresh(Pose2(pose.x_m, pose.y_m, wall_rad + QUARTER), -1)
     ahead_right = fresh(Pose2(pose.x_m, pose.y_m, wall_rad - QUARTER), 1)
-    left = ahead_right > ahead_left + context.options.fresher
+    left = ahead_right > ahead_left
     yield from turn(context, wall_rad - QUARTER if left else wall_rad + QUARTER)
     yield from follow_perimeter(context, left=left, touching=True)
     return True
