@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
-PLAN = generate_room(11, np.random.default_rng(11), "turned")
+PLAN = generate_room(13, np.random.default_rng(13), "legs")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_lanes_report_swept_area_and_the_end_reports_the_rest(driven: FastRun) -
     assert 0.0 <= float(finish.data["left_cm2"]) * 1e-4 < 0.05 * truth_m2
     found = sum(event.kind == "occlusion" for _, event in driven.events)
     closed = sum(event.reason.startswith("occluded region closed") for _, event in driven.events)
-    assert 0 <= closed <= found
+    assert found > closed > 0
     assert finish.data["occlusions_open"] == found - closed
 
 

@@ -172,7 +172,7 @@ def test_go_to_stops_before_an_obstacle() -> None:
     assert result.distance_m == pytest.approx(0.8 - MODEL.radius_m - 0.01, abs=0.01)
 
 
-def test_rest_stands_still_for_its_time() -> None:
+def test_dwell_stands_still_for_its_time() -> None:
     driver = Driver(world_at(2.0, 2.0))
     result = driver.run(Dwell(0.5))
     assert result.reason is StopReason.DONE
