@@ -7,11 +7,13 @@ BIN := $(VENV)/bin
 LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 LOCKS := requirements-build.lock requirements.lock
-# What is compiled when the package is installed, and what it is made with.
+# What is compiled when the package is installed, and what it is made with. A folder is newer after a
+# file was removed from it.
 KERNELS := $(shell sed -n '/^\[tool.sweepctl.kernels\]/,/^\[/s/.*"\(.*\.py\)".*/\1/p' pyproject.toml)
 MADE_WITH := setup.py requirements-build.lock tools/dev/kernels.py \
 	$(shell find protocol bridge sim_device tools -name '*.pxd') \
-	$(wildcard $(foreach folder,board_library board_virtual core include protocol,sim_device/firmware/$(folder)/*.[ch]))
+	$(foreach folder,board_library board_virtual core include protocol,$(wildcard \
+		sim_device/firmware/$(folder) sim_device/firmware/$(folder)/*.[ch]))
 # The C compiler that this Python was built with; where that is missing another one, else that of the
 # lock, which is told to compile for any CPU of this kind and not for the one that it runs on.
 OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))
