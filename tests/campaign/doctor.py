@@ -90,8 +90,10 @@ SUBJECTS: tuple[CampaignCase, ...] = (
     _subject("unplug", "gap unplugged", "unplug@8:2"),
     _subject("no fault, on a bus", "", moving=True, seconds=30.0, line=BUS),
     _subject("no fault, on a bus, standing", "", line=BUS),
-    _subject("can-bus-off, standing", "gap", "can-bus-off@8:0.5", line=BUS),
-    _subject("can-bus-off", "gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS),
+    _subject("can-bus-off, standing", "bus_off gap", "can-bus-off@8:0.5", line=BUS),
+    _subject(
+        "can-bus-off", "bus_off gap", "can-bus-off@12:0.6", moving=True, seconds=30.0, line=BUS
+    ),
     _subject("reset", "reset", "reset@8:cause=pin"),
     _subject("hang", "watchdog", "hang@8"),
     _subject("crash", "crash", "crash@8"),

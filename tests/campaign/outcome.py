@@ -63,6 +63,8 @@ class Outcome:
     ending: str = ""
     by_device: bool = False
     """The device had stopped by itself, cause ``hardware``."""
+    by_check: bool = False
+    """A check of the run stopped it, cause ``supervise``. The rules only report."""
 
     @property
     def caught_s(self) -> float | None:
@@ -79,10 +81,11 @@ class Outcome:
 
     @property
     def ended_it(self) -> bool:
-        """Return whether device or session stopped the run for the hazard before any alarm."""
+        """Return whether device, session or a check ended the run before any alarm."""
         lost = self.ending.startswith("the device was lost and is back")
         hazard = self.job.hazard
-        return self.by_device or (lost and hazard is not None and "reset" in hazard.rules)
+        reset = lost and hazard is not None and "reset" in hazard.rules
+        return self.by_device or self.by_check or reset
 
 
 class Alarms:

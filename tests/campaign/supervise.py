@@ -90,7 +90,9 @@ def run(job: Job) -> Outcome:
     outcome.alarms = sink.found
     if ended.drive_started_s is not None and ended.drive_ended_s is not None:
         outcome.supervised_s = ended.drive_ended_s - ended.drive_started_s
-    outcome.ending = "" if ended.ending is None else ended.ending.reason
+    if ended.ending is not None:
+        outcome.ending = ended.ending.reason
+        outcome.by_check = ended.ending.cause == StopCause.SUPERVISE
     status = finished.host.state.status
     outcome.by_device = status is not None and status.stop_cause == StopCause.HARDWARE
     return outcome
@@ -130,7 +132,7 @@ def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
 
 def kept_at(path: Path | None) -> Kept:
     """Return the stored outcomes of the present rules and hazards."""
-    rules = (ROOT / "bridge" / "supervise").glob("*.py")
+    rules = sorted((ROOT / "bridge" / "supervise").rglob("*.py"))
     return Kept(path, [*rules, Path(__file__).with_name("hazards.py")])
 
 

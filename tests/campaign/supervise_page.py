@@ -37,8 +37,8 @@ _HAZARDS = """
 ## Hazards
 
 - *Caught*: a rule that is meant for the hazard raised an alarm.
-- *Ended*: the run ended before that. Either the device stopped by itself (cause `hardware`), or the
-  session found that the device had rebooted.
+- *Ended*: the run ended before that. The device stopped by itself (cause `hardware`), a
+  [check of the run](run-checks.md) stopped it, or the session found that the device had rebooted.
 - *Recall*: share of the runs that were caught or ended.
 - *Time*: from the beginning of the hazard to the first alarm of a rule that is meant for it. It is
   long for a hazard that shows only at the end of a lane or before a wall.
@@ -68,6 +68,9 @@ def page(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
     hours = sum(o.supervised_s for o in clean) / 3600.0
     false = Counter(a.rule for o in clean for a in o.alarms if not a.true)
     true = Counter(a.rule for o in clean for a in o.alarms if a.true)
+    stopped = sum(o.by_check for o in clean)
+    if stopped:
+        false["check of the run"] = stopped
     per_hour = false.total() / hours if hours else 0.0
     reported = (
         f"{len(clean)} runs, {hours:.1f} simulated hours of driving: **{false.total()} false "

@@ -33,8 +33,9 @@ def test_an_injected_hazard_is_caught(hazard: object) -> None:
 
 
 def test_a_run_without_any_raises_no_alarm() -> None:
-    outcome = run(Job("case-1", "recovery", 5, max_s=40.0))
-    assert outcome.supervised_s > 35.0
+    """The run is long enough for U-turns, on which the robot drives during a turn."""
+    outcome = run(Job("empty", "recovery", 5, max_s=120.0))
+    assert outcome.supervised_s > 115.0
     assert outcome.alarms == []
 
 
@@ -59,6 +60,12 @@ def test_the_page_counts_missed_hazards_and_false_alarms() -> None:
     assert not page([caught, late])[1]
     clean.alarms.append(Alarm(6.0, "bump", ""))
     assert not page([caught, clean])[1]
+    late.by_check = True
+    assert page([caught, late])[1], "a check of the run stopped it"
+    stopped = Outcome(Job("case-1", "paper", 4), supervised_s=1800.0, by_check=True)
+    text, good = page([caught, stopped])
+    assert "| check of the run | 1 | 0 | 2.00 |" in text
+    assert not good
 
 
 @pytest.mark.parametrize(("reported_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])

@@ -50,6 +50,9 @@ SLIPS_M_S = 0.012
 """Minimum slip that makes the distance uncertain, m/s. It is twice the slip on a hard floor."""
 TURN_M = 0.06
 """Maximum speed during a turn in place, m/s."""
+ARC_WIDTHS = 1.0
+"""Maximum radius of a turn on an arc, in widths of the mouth. Planners with straight lanes turn in
+place."""
 BEND_RAD = 0.6
 """Maximum yaw rate on a straight segment, rad/s."""
 
@@ -224,8 +227,10 @@ class PlannerCheck:
         elif inputs.onboard in _LANES and phase in _STRAIGHT:
             if abs(turn_rad) > BEND_RAD * for_s:
                 wrong = "turns"
-        elif phase == _TURN and path_m > TURN_M * for_s:
-            wrong = "drives"
+        elif phase == _TURN:
+            radius_m = 0.0 if inputs.onboard in _LANES else ARC_WIDTHS * self._width_m
+            if path_m > TURN_M * for_s + radius_m * abs(turn_rad):
+                wrong = "drives"
         if wrong:
             name = label(PlannerPhase, phase).replace("_", " ")
             self._note(

@@ -297,6 +297,24 @@ def test_tolerance_of_a_claim(phase: int, path_m: float, turn_rad: float, wrong:
         assert data["for_s"] == 2.0
 
 
+@pytest.mark.parametrize(
+    ("onboard", "path_m", "turn_rad", "found"),
+    [
+        # In 2 s, 12 cm plus an arc of 2 rad on the radius 0.16 m (W): 44 cm.
+        *(("recovery", 0.4399, 2.0, False), ("recovery", 0.4401, 2.0, True)),
+        *(("recovery", 0.4399, -2.0, False), ("recovery", 0.1201, 0.0, True)),
+        *(("paper", 0.1201, 2.0, True), ("u-shape", 0.1201, 2.0, True)),
+    ],
+)
+def test_only_planners_without_lanes_may_turn_on_an_arc(
+    onboard: str, path_m: float, turn_rad: float, *, found: bool
+) -> None:
+    hand = Hand(onboard, motion_s=2.0)
+    hand.at(0.0, reported := planner(TURN))
+    hand.measured.travel_m, hand.measured.turn_rad = path_m, turn_rad
+    assert hand.at(2.0, reported) is found
+
+
 def test_a_longer_time_between_tests_allows_more() -> None:
     """12 cm are allowed in 4 s at rest. A tested interval does not count again."""
     hand = Hand(motion_s=2.0)
