@@ -7,6 +7,7 @@ test checks that they are current.
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from bridge.floor_plan.keys import CARPET_KEYS, ROOM_KEYS, THRESHOLD_KEYS
 from bridge.motion.robot_model import RangerMount, RobotModel
 from bridge.supervise.settings import Level, Rule, SuperviseSettings
 from bridge.validation import MAX_TEXT, as_toml
+from sim_device.device import parameters
 from tools.dev.pages import with_part
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def robot_page() -> str:
     sensors = dataclasses.fields(RangerMount)
     own = dataclasses.fields(Rule)
     parts = [
-        _INTRODUCTION,
+        _INTRODUCTION.format(parameters=_parameters(model)),
         "## The robot\n",
         _table(model, [f for f in dataclasses.fields(model) if f.name not in model.rangers]),
         "\n## Range sensors\n",
@@ -58,6 +60,17 @@ def robot_page() -> str:
         if fields:
             parts.append(_table(rule, fields))
     return "\n".join(parts) + "\n"
+
+
+def _parameters(model: RobotModel) -> str:
+    """Return the names of the device's parameters that come from a robot file."""
+    names = (
+        parameter.name
+        for parameter in parameters.table(model, 1)
+        if parameter.model_key or parameter.name.rpartition("_")[0] in model.rangers
+    )
+    text = ", ".join(f"`{name}`" for name in names)
+    return textwrap.fill(f"{text}.", 100, initial_indent="  ", subsequent_indent="  ")
 
 
 def room_page(page: str) -> str:
@@ -137,8 +150,10 @@ sweepctl simulate case-1 --robot my-robot.toml
   the robot.
 - What will not work well is a warning, such as an infrared sensor below its minimum range at the
   hull.
-- The device stores some of these values as parameters. `sweepctl connect` shows where they differ,
-  and `sweepctl param diff PORT FILE` lists them.
+- The device stores some of these values as parameters, under the key's name without the unit.
+  `sweepctl connect` shows where they differ, and `sweepctl param diff PORT FILE` lists them. The
+  parameters:
+{parameters}
 - Positions are in the robot's frame: x ahead and y to the left of the axle's centre.
 
 ![A robot with its sensors, as robot show draws it](robot-show.png)

@@ -115,7 +115,11 @@ def wires(board: str) -> list[Wire]:
 
 
 def connectors(board: str) -> dict[str, str]:
-    """Return the connector of each pin, from the table in the board's README; else {}."""
+    """Return the connector of each pin, from the table in the board's README; else {}.
+
+    The third column holds the connectors. For pins that are connected on the board, it says to
+    what: ``ST-LINK``.
+    """
     page = FIRMWARE / board / "README.md"
     rows = page.read_text("utf-8").splitlines() if page.exists() else []
     found: dict[str, str] = {}
@@ -123,7 +127,9 @@ def connectors(board: str) -> dict[str, str]:
         cells = row.split("|")
         pins = re.findall(r"\bP[A-G]\d+\b", cells[2]) if len(cells) > 3 else []  # noqa: PLR2004 - three columns
         names = re.findall(r"\b[AD]\d+\b", cells[3]) if pins else []
-        found |= dict(zip(pins, names, strict=True)) if names else {}
+        if pins and not names:
+            names = [cells[3].strip()] * len(pins)
+        found |= dict(zip(pins, names, strict=True))
     return found
 
 
