@@ -43,14 +43,27 @@ COLUMNS = (
     RunColumn(
         "mouth_passing",
         "REAL",
-        "the same of what the mouth reaches in passing",
+        "swept share of the floor that the mouth reaches while the robot drives, 0 to 1",
         ("coverage", "mouth_passing"),
     ),
-    RunColumn("mouth_free", "REAL", "mouth over free floor", ("coverage", "mouth_free")),
     RunColumn(
-        "body_reachable", "REAL", "body over reachable floor", ("coverage", "body_reachable")
+        "mouth_free",
+        "REAL",
+        "floor swept by the mouth over the free floor, 0 to 1",
+        ("coverage", "mouth_free"),
     ),
-    RunColumn("body_free", "REAL", "body over free floor", ("coverage", "body_free")),
+    RunColumn(
+        "body_reachable",
+        "REAL",
+        "floor covered by the body over the reachable floor, 0 to 1",
+        ("coverage", "body_reachable"),
+    ),
+    RunColumn(
+        "body_free",
+        "REAL",
+        "floor covered by the body over the free floor, 0 to 1",
+        ("coverage", "body_free"),
+    ),
     RunColumn("eq8", "REAL", "lane lengths times mouth width over free floor", ("coverage", "eq8")),
     RunColumn("duration_s", "REAL", "duration of the drive, s", ("duration_s",)),
     RunColumn("path_m", "REAL", "length of the path, m", ("path_m",)),

@@ -149,14 +149,18 @@ _GOALS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LegResult:
-    """Result of a leg. The robot stands, except after a flowing or a cancelled leg."""
+    """Result of a leg.
+
+    The robot stands, except after a flowing or a cancelled leg, or a drive with ``end_m_s``.
+    """
 
     leg: Leg
     """The leg that has ended."""
     reason: StopReason
     """Reason why it ended."""
     distance_m: float
-    """Distance along the leg's line, m, with the sign of ``Drive.distance_m``; 0 for a turn."""
+    """Distance along the leg's line, m, with the sign of ``Drive.distance_m``; the length of the
+    path of a ``FollowWall``; 0 for a turn or a dwell."""
     duration_s: float
     """Duration of the leg, s."""
     pose: Pose2

@@ -128,7 +128,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
         ("outcome", outcome),
         ("time", _with(summary["duration_s"], "{:.1f} s")),
         ("path", _path(summary)),
-        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of the reachable floor")),
+        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of the sweepable floor")),
         ("swept in passing", _passing(coverage)),
         ("covered by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
         ("90 % / 99 % after", _pair(summary["t90_s"], summary["t99_s"], "{:.0f} s")),

@@ -116,9 +116,9 @@ sweepctl fault /tmp/sweeper.ctl --truth      # the true pose, path, collisions a
 ```
 
 Without `@time` a fault begins at once; `@+2` means in two seconds. The control socket is a Unix
-socket with mode 0600. It accepts lines (`start SPEC`, `clear [KIND]`, `list`, `truth`, `line`) and
-answers each with a line of JSON. In Python use `rig.faults.start("silence:0.5")` and
-`rig.faults.clear("silence")` of `sim_device.rig.Rig`.
+socket with mode 0600. It accepts lines (`start SPEC`, `check SPEC`, `clear [KIND]`, `list`,
+`truth`, `line`) and answers each with a line of JSON. In Python use
+`rig.faults.start("silence:0.5")` and `rig.faults.clear("silence")` of `sim_device.rig.Rig`.
 
 Injected faults are recorded in a log of `simulate` and in the file of `emulate --truth`. Each
 beginning and each end is an event of source `fault` on `/events`, with the text of the fault, its

@@ -148,8 +148,8 @@ sweepctl simulate case-1 --robot my-robot.toml
 - An unknown key is an error; the message names the nearest known key. So is a value outside its
   range, or a robot that cannot work: a sensor far outside the footprint, a wheel base wider than
   the robot.
-- What will not work well is a warning, such as an infrared sensor below its minimum range at the
-  hull.
+- A value that is allowed but works badly gives a warning, such as an infrared sensor whose minimum
+  range is longer than its distance from a wall at the hull.
 - The device stores some of these values as parameters, under the key's name without the unit.
   `sweepctl connect` shows where they differ, and `sweepctl param diff PORT FILE` lists them. The
   parameters:

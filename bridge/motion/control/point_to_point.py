@@ -21,7 +21,7 @@ class PointCommand(NamedTuple):
 
     vx_m_s: float
     vy_m_s: float
-    """Lateral velocity of the paper's transform, m/s. It is only logged: the robot cannot drive
+    """Lateral velocity of the paper's transform, m/s. It is not used: the robot cannot drive
     sideways."""
     yaw_rate_rad_s: float
     distance_m: float

@@ -39,7 +39,7 @@ class ComparedColumn(NamedTuple):
 
 
 MEASURES = (
-    ComparedColumn("coverage", "swept, %", "swept of the reachable floor, %", 100.0, "{:.2f}"),
+    ComparedColumn("coverage", "swept, %", "swept of the sweepable floor, %", 100.0, "{:.2f}"),
     ComparedColumn("duration_s", "time, s", "time, s", form="{:.0f}"),
     ComparedColumn("path_m", "path, m", "path, m"),
     ComparedColumn("collisions", "collisions", "collisions", form="{:.0f}"),

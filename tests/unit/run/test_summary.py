@@ -104,7 +104,7 @@ def test_coverage_is_the_reports() -> None:
     assert summary["t90_s"] is None
     assert summary["largest_hole_cm2"] > 10_000
     text = shown(summary)
-    assert "of the reachable floor" in text
+    assert "of the sweepable floor" in text
     assert "1.2 m" in text
 
 
