@@ -17,26 +17,20 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.coverage.recovery.geometry import PlannerGeometry
+    from bridge.coverage.recovery.options import RecoveryOptions
 
 SPAN_RAD = math.radians(55.0)
 """Angle between the heading and each outer barrier, rad."""
 _INSIDE_M = 0.01
 """Distance from the rim to the barriers, m."""
-_SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
-"""Distance (m) and turn (rad) within which a new detection counts as the same cliff."""
-_FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
-"""Limits ahead of a mark, and distance to its side, m. The mark is removed if a barrier detects
-floor within them."""
-_SLOW_M_S = 0.10
-"""Maximum speed near a cliff, m/s. Stopping from 0.28 m/s takes 5 cm. The outer barriers detect a
-cliff only 9 cm before the wheels reach it."""
 
 
 class Cliffs:
     """Poses at which there was no floor ahead, and the positions of the barriers at these poses."""
 
-    def __init__(self, geometry: PlannerGeometry) -> None:
+    def __init__(self, options: RecoveryOptions, geometry: PlannerGeometry) -> None:
         """Begin without a cliff."""
+        self._options = options
         self._radius_m = geometry.radius_m
         self._near_m = geometry.cliff_slow_m
         self.poses: list[Pose2] = []
@@ -56,9 +50,10 @@ class Cliffs:
         ``floor`` returns True for a point next to the driven path. There must be floor at that
         point.
         """
+        same_m, same_rad = self._options.cliff_same_m, self._options.cliff_same_rad
         for known in self.poses:
             turned = math.remainder(known.theta_rad - pose.theta_rad, math.tau)
-            if known.distance_m(pose) < _SAME_M and abs(turned) < _SAME_RAD:
+            if known.distance_m(pose) < same_m and abs(turned) < same_rad:
                 return
         self.poses.append(pose)
         self.rims.append(pose.transform(self._radius_m, 0.0))
@@ -72,7 +67,7 @@ class Cliffs:
             return
         spots = self._spots(pose)
         self.marks = [
-            mark for mark in self.marks if not any(_beyond(mark, *spot) for spot in spots)
+            mark for mark in self.marks if not any(self._beyond(mark, *spot) for spot in spots)
         ]
 
     def clear(self, pose: Pose2, radius_m: float) -> None:
@@ -88,7 +83,8 @@ class Cliffs:
 
     def pace(self, pose: Pose2) -> float:
         """Return the maximum forward speed, m/s; infinite if no cliff is near."""
-        return _SLOW_M_S if self.beside(pose.x_m, pose.y_m, self._near_m) else math.inf
+        near = self.beside(pose.x_m, pose.y_m, self._near_m)
+        return self._options.cliff_m_s if near else math.inf
 
     def _spots(self, pose: Pose2) -> list[tuple[float, float]]:
         reach_m = self._radius_m - _INSIDE_M
@@ -97,10 +93,12 @@ class Cliffs:
             for bearing in (-SPAN_RAD, 0.0, SPAN_RAD)
         ]
 
-
-def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
-    """Return True if a point is just beyond a mark, in the direction of the mark's heading."""
-    c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
-    dx, dy = x_m - mark.x_m, y_m - mark.y_m
-    min_m, max_m = _FLOOR_M
-    return min_m < dx * c + dy * s < max_m and abs(dy * c - dx * s) < _ASIDE_M
+    def _beyond(self, mark: Pose2, x_m: float, y_m: float) -> bool:
+        """Return True if a point is just beyond a mark, in the direction of the mark's heading."""
+        options = self._options
+        c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
+        dx, dy = x_m - mark.x_m, y_m - mark.y_m
+        return (
+            options.cliff_floor_min_m < dx * c + dy * s < options.cliff_floor_max_m
+            and abs(dy * c - dx * s) < options.cliff_floor_aside_m
+        )

@@ -57,7 +57,7 @@ class RecoveryContext:
         obs: Observation,
     ) -> RecoveryContext:
         """Begin a plan at the pose of ``obs`` with an empty map."""
-        evidence, segments = EvidenceMap(model, options, obs.pose), WallSegments()
+        evidence, segments = EvidenceMap(model, options, obs.pose), WallSegments(options)
         return cls(
             model,
             options,
@@ -65,7 +65,7 @@ class RecoveryContext:
             chooser,
             record,
             segments,
-            OccludedRegions(model.cleaning_width_m),
+            OccludedRegions(options, model.cleaning_width_m),
             ObservationMonitor(model, options, evidence, record, segments, obs=obs),
             StuckPolicy(options, evidence, record),
         )

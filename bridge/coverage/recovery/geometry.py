@@ -11,18 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bridge.motion.control.tuning import FOLLOW_TUNING
+
 if TYPE_CHECKING:
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.robot_model import RangerMount, RobotModel
 
-_MIN_CELL_M, _MAX_CELL_M = 0.01, 0.025
-"""Limits of the length of a cell's edge, m. With smaller cells, a search on a large floor takes
-seconds. With larger cells, the map closes passages that the footprint fits through."""
-_CELLS_PER_RADIUS = 8.0
-"""Minimum number of cells per footprint radius. It limits the cell size of a robot with a wide
-mouth, because large cells close narrow passages."""
-_MAX_MARGIN_M = 0.01
-"""Maximum length at each end of the mouth that the search does not expect to sweep, m."""
 _EXACT = 9
 """Number of decimals of rounded values: a nanometre. Products then equal the documented values."""
 
@@ -163,8 +157,17 @@ class PlannerGeometry:
     beside_lane_m: tuple[float, float]
     """Limits of the strip that a wall beside a lane occupies, measured from the gap to the wall
     (0.015 to 0.065)."""
+    beside_lane_ahead_m: tuple[float, float]
+    """Limit ahead of the axle of the floor beside a lane, for the left and the right side infrared
+    sensor (0.08)."""
     beside_lane_gap_m: float
     """Maximum gap between rim and wall at which the wall makes the lane narrower (0.14)."""
+    beside_m: tuple[float, float]
+    """Distance from the axle's line beyond which an obstacle is the followed wall: in a corner
+    (0.144), and along a straight wall (0.096)."""
+    range_point_m: float
+    """Distance from the axle at which an obstacle that the ultrasonic sensor detects is mapped
+    (0.17)."""
     round_rad_s: float
     """Minimum yaw rate that means a corner during wall following (0.5): nine tenths of the yaw rate
     in a corner."""
@@ -182,9 +185,9 @@ class PlannerGeometry:
         """Compute all values from a robot and the tuned ratios."""
         radius_m, width_m = model.radius_m, model.cleaning_width_m
         scale = _exact(radius_m / 0.16)
-        cell_m = min(width_m / options.cells_per_width, radius_m / _CELLS_PER_RADIUS)
-        cell_m = _exact(min(max(cell_m, _MIN_CELL_M), _MAX_CELL_M))
-        half_m = 0.5 * width_m - min(options.search_margin * width_m, _MAX_MARGIN_M)
+        cell_m = min(width_m / options.cells_per_width, radius_m / options.cells_per_radius)
+        cell_m = _exact(min(max(cell_m, options.min_cell_m), options.max_cell_m))
+        half_m = 0.5 * width_m - min(options.search_margin * width_m, options.max_search_margin_m)
         half = _exact(half_m / cell_m)
         full_rate = _exact(2.0 * half * model.cruise_speed_m_s / cell_m)
         lane_speed = min(
@@ -216,19 +219,19 @@ class PlannerGeometry:
             ),
             inflation_cells=_exact(radius_m / cell_m - options.inflation_margin_cells),
             clear_cells=_exact(radius_m / cell_m - 1.0),
-            rim_cells=_exact(0.035 / cell_m),
-            known_floor_m=_exact(0.5 * model.wheel_base_m - 0.015),
-            cliff_m=_exact(0.5 * model.wheel_base_m + 0.105 * scale),
-            cliff_slow_m=_exact(radius_m + 0.19),
-            cliff_perimeter_m=_exact(radius_m + 0.26),
+            rim_cells=_exact(options.contact_uncertain_m / cell_m),
+            known_floor_m=_exact(0.5 * model.wheel_base_m - options.known_floor_inside_m),
+            cliff_m=_exact(0.5 * model.wheel_base_m + options.cliff_reach_m * scale),
+            cliff_slow_m=_exact(radius_m + options.cliff_slow_m),
+            cliff_perimeter_m=_exact(radius_m + options.cliff_perimeter_m),
             lane_rows=2 * max(min(round(half - 0.5), int(_exact(0.5 * width_m / cell_m - 0.5))), 1)
             + 1,
             ahead_cells=round(ahead_m / cell_m),
             turning_cells_2=int((ahead_m**2 + half_m**2) / cell_m**2),
             beside_cells=max(round(0.5 * width_m / cell_m), 2),
             hole_cells=max(round(0.5 * width_m / cell_m), 2),
-            snap_cells=round(0.12 * scale / cell_m) if scale > 1.0 else round(0.12 / cell_m),
-            unreachable_cells=round(1.0 / cell_m),
+            snap_cells=round(options.snap_m * max(scale, 1.0) / cell_m),
+            unreachable_cells=round(options.unreachable_m / cell_m),
             min_cells=round(per_cell(options.min_area * width_m**2)),
             floor_cells=round(per_cell(options.retry_length_m * width_m)),
             gap_cells=round(options.gap_m / cell_m),
@@ -238,9 +241,9 @@ class PlannerGeometry:
             near_rate=_exact(options.near_rate * full_rate),
             hole_rate=_exact(options.hole_rate * full_rate),
             perimeter_cells=_exact(options.perimeter_length_m * 2.0 * half / cell_m),
-            fruitful_cells=per_cell(0.1 * width_m),
+            fruitful_cells=per_cell(options.fruitful_length_m * width_m),
             path_costs=(*(round(10.0 * m / cell_m) for m in options.looks_m), 1 << 24),
-            near_cost=_exact(5.0 * radius_m / cell_m),
+            near_cost=_exact(10.0 * options.near_radii * radius_m / cell_m),
             turn_s_rad=_exact(options.turn_share / model.max_yaw_rate_rad_s),
             stop_s=_exact(options.stop_share * lane_speed / model.max_accel_m_s2),
             transit_share=options.transit_share,
@@ -249,20 +252,35 @@ class PlannerGeometry:
             lane_speed_m_s=_exact(lane_speed),
             perimeter_speed_m_s=perimeter_speed,
             stop_range_m=_stop_range(model, options.stop_gap_m),
-            approach_range_m=_exact(_farthest(model) - 0.02),
-            band_m=(_exact(0.1875 * width_m), _exact(0.40625 * width_m)),
+            approach_range_m=_exact(_farthest(model) - options.approach_margin_m),
+            band_m=(_exact(options.band_inner * width_m), _exact(options.band_outer * width_m)),
             band_ahead_m=(
-                _exact(model.mouth_offset_m + 0.03),
-                _exact(model.mouth_offset_m + 0.25),
+                _exact(model.mouth_offset_m + options.band_ahead_min_m),
+                _exact(model.mouth_offset_m + options.band_ahead_max_m),
             ),
-            contact_ahead_m=(_exact(0.125 * width_m), _exact(0.46875 * width_m)),
-            contact_beside_m=_exact(0.25 * width_m),
-            beside_lane_m=(_exact(0.09375 * width_m), _exact(0.40625 * width_m)),
-            beside_lane_gap_m=_exact(0.875 * width_m),
-            round_rad_s=_exact(0.0825 / (radius_m + 0.005)),
-            same_place_m=_exact(0.15 * scale),
-            worth_m2=_exact(0.1875 * width_m),
-            min_wall_cells=round(0.24 / cell_m),
+            contact_ahead_m=(
+                _exact(options.contact_ahead_min * width_m),
+                _exact(options.contact_ahead_max * width_m),
+            ),
+            contact_beside_m=_exact(options.contact_beside * width_m),
+            beside_lane_m=(
+                _exact(options.beside_lane_min * width_m),
+                _exact(options.beside_lane_max * width_m),
+            ),
+            beside_lane_ahead_m=(
+                model.infrared_left.x_m + options.beside_lane_ahead_m,
+                model.infrared_right.x_m + options.beside_lane_ahead_m,
+            ),
+            beside_lane_gap_m=_exact(options.beside_lane_gap * width_m),
+            beside_m=(
+                options.beside_share * radius_m,
+                options.beside_straight_share * radius_m,
+            ),
+            range_point_m=radius_m + options.range_rim_m,
+            round_rad_s=_exact(options.round_m_s / (radius_m + FOLLOW_TUNING.corner_gap_m)),
+            same_place_m=_exact(options.same_place_m * scale),
+            worth_m2=_exact(options.worth_length_m * width_m),
+            min_wall_cells=round(options.min_wall_m / cell_m),
         )
 
     def swept_cells(self, lateral_sigma_m: float) -> float:

@@ -46,31 +46,14 @@ _GROW_M = 1.5
 """Length by which the map grows, m."""
 _NEAR_M = 0.6
 """Distance of the robot from the map's border below which the map grows, m."""
-_MOVED_CELLS = 0.25
-"""Motion after which the floor under the mouth is marked, cells."""
-_TURNED_RAD = 0.02
-"""Turn after which the floor under the mouth is marked, rad."""
 _READING_S = 0.05
 """Time after which an unchanged infrared reading counts as a new reading, s."""
-_STRONG_M = 0.12
-"""Infrared range below which a reading has double weight, m. One such reading marks a cell as
-occupied."""
 _POINT = 2
 """Weight of a contact. One contact marks a cell as occupied."""
 _SPAN_RAD = math.radians(87.0)
 """Angle between the heading and the outer end of a bumper switch, rad."""
 _OVERLAP_RAD = math.radians(10.0)
 """Half of the angle around the heading in which a contact presses both switches, rad."""
-FELT_RAD = math.radians(65.0)
-"""Minimum bearing of a contact with a wall to which the robot drives at a small angle, rad."""
-_ABEAM_RAD = math.radians(60.0)
-"""Bearing beyond which evidence near the rim belongs to the followed wall, rad."""
-_BESIDE = 0.9
-"""Share of the radius beyond which an obstacle at the side is the followed wall. Used in a
-corner."""
-_BESIDE_STRAIGHT = 0.6
-"""Share of the radius beyond which an obstacle at the side is the followed wall. Used along a
-straight wall."""
 _LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 
@@ -100,7 +83,7 @@ class EvidenceMap:
         self._last = (x, y, pose.theta_rad)
         self._visited_at = (x, y)
         self._low, self._high = [x, y], [x, y]
-        self.cliffs = Cliffs(geometry)
+        self.cliffs = Cliffs(options, geometry)
         self._guessed: list[tuple[float, float]] = []
         """Points of obstacles in the map whose only evidence is a bump, m."""
         self._readings: tuple[float | None, float | None] = (None, None)
@@ -152,8 +135,9 @@ class EvidenceMap:
         x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
         lx, ly, lth = self._last
         turned = abs(math.remainder(pose.theta_rad - lth, math.tau))
+        options = self._options
         self.swept_cells = self.geometry.swept_cells(obs.lateral_sigma_m)
-        if abs(x - lx) + abs(y - ly) > _MOVED_CELLS or turned > _TURNED_RAD:
+        if abs(x - lx) + abs(y - ly) > options.moved_cells or turned > options.turned_rad:
             self.new_cells += sweep(
                 self.swept,
                 lx,
@@ -175,7 +159,7 @@ class EvidenceMap:
         if readings != self._readings or obs.time_s - self._read_s >= _READING_S:
             self._readings = readings
             self._read_s = obs.time_s
-            if abs(obs.yaw_rate_rad_s) < 1.0:
+            if abs(obs.yaw_rate_rad_s) < options.look_rad_s:
                 self._look(pose, self._model.infrared_left, readings[0])
                 self._look(pose, self._model.infrared_right, readings[1])
 
@@ -193,9 +177,9 @@ class EvidenceMap:
         """
         low, high = _pressed(left=left, right=right)
         if beside > 0:
-            high = min(high, _ABEAM_RAD)
+            high = min(high, self._options.abeam_rad)
         elif beside < 0:
-            low = max(low, -_ABEAM_RAD)
+            low = max(low, -self._options.abeam_rad)
         seen = self._touched(pose, low, high)
         return 0.5 * (low + high) if seen is None else seen
 
@@ -227,7 +211,8 @@ class EvidenceMap:
         """
         low, high = _pressed(left=left, right=right)
         if abeam:
-            low, high = (FELT_RAD, _SPAN_RAD) if abeam > 0 else (-_SPAN_RAD, -FELT_RAD)
+            felt_rad = self._options.felt_rad
+            low, high = (felt_rad, _SPAN_RAD) if abeam > 0 else (-_SPAN_RAD, -felt_rad)
         seen = self._touched(pose, low, high)
         bearing = 0.5 * (low + high) if seen is None else seen
         rim = self._model.radius_m + 0.25 * self._cell_m
@@ -368,7 +353,7 @@ class EvidenceMap:
         x, y = self.to_cells(pose.x_m, pose.y_m)
         cell = self._cell_m
         rim_m = self._model.radius_m + 0.5 * cell
-        beside = (_BESIDE_STRAIGHT if straight else _BESIDE) * self._model.radius_m
+        beside = self.geometry.beside_m[straight]
         known = pace(
             self.wall,
             x,
@@ -471,12 +456,13 @@ class EvidenceMap:
             self._grow(x, y, rim)
 
     def _look(self, pose: Pose2, mount: RangerMount, range_m: float | None) -> None:
-        trust_m = self._options.infrared_trust_m
+        options = self._options
+        trust_m = options.infrared_trust_m
         x, y = self.to_cells(*pose.transform(mount.x_m, mount.y_m))
         angle = pose.theta_rad + mount.yaw_rad
         seen = range_m is not None and range_m <= trust_m
         far_m = trust_m if range_m is None or range_m > trust_m else range_m
-        weight = 0 if not seen else 2 if far_m < _STRONG_M else 1
+        weight = 0 if not seen else 2 if far_m < options.strong_m else 1
         beam(
             self.wall,
             self.inflated,
@@ -484,7 +470,7 @@ class EvidenceMap:
             y,
             math.cos(angle),
             math.sin(angle),
-            (far_m - 0.03) * self._per_m,
+            (far_m - options.beam_end_m) * self._per_m,
             far_m * self._per_m,
             weight,
             self._reach,

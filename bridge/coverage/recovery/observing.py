@@ -17,15 +17,6 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
-_JUMP_M = 0.008
-"""Minimum motion of the estimate beyond the driven path that counts as a pose correction, m. The
-robot drives 6 mm in a control step at top speed."""
-_REPORTED_RAD = math.radians(0.3)
-"""Minimum heading standard deviation whose reduction is reported, rad. A wall reduces it."""
-_REPORTED_SHARE = 0.5
-"""Maximum ratio of the standard deviations after and before a reduction that is reported."""
-_MOUNT_AHEAD_M = 0.03
-"""Length ahead of a side infrared sensor in which floor counts as beside the lane, m."""
 _ROUNDING_M = 1e-9
 """Maximum rounding error of a sum of lengths, m."""
 
@@ -172,11 +163,11 @@ class ObservationMonitor:
         """Report a pose correction: the estimate has moved farther than the robot."""
         last = self.obs
         dx, dy = obs.pose.x_m - last.pose.x_m, obs.pose.y_m - last.pose.y_m
-        if abs(dx) + abs(dy) < _JUMP_M:
+        if abs(dx) + abs(dy) < self._options.correction_m:
             return
         path_m = max(abs(obs.v_m_s), abs(last.v_m_s)) * max(obs.time_s - last.time_s, 0.0)
         jump_m = math.hypot(dx, dy) - path_m
-        if jump_m > _JUMP_M:
+        if jump_m > self._options.correction_m:
             if self.wall.side:
                 self._segments.end(last.pose, self.wall.side)
             self._record.decide(
@@ -188,10 +179,10 @@ class ObservationMonitor:
 
         Without walls it only grows.
         """
-        max_rad = self._max_sigma_rad
+        max_rad, options = self._max_sigma_rad, self._options
         if sigma_rad > max_rad:
             self._max_sigma_rad = sigma_rad
-        elif max_rad > _REPORTED_RAD and sigma_rad < _REPORTED_SHARE * max_rad:
+        elif max_rad > options.reported_rad and sigma_rad < options.reported_share * max_rad:
             self._max_sigma_rad = sigma_rad
             self._record.decide(
                 "re-zero",
@@ -207,9 +198,10 @@ class ObservationMonitor:
             or obs.v_m_s < self._options.on_lane_m_s
         ):
             return False
-        for side, mount, range_m in (
-            (1, self._model.infrared_left, obs.infrared_left_m),
-            (-1, self._model.infrared_right, obs.infrared_right_m),
+        left_m, right_m = self._geometry.beside_lane_ahead_m
+        for side, mount, range_m, ahead_m in (
+            (1, self._model.infrared_left, obs.infrared_left_m, left_m),
+            (-1, self._model.infrared_right, obs.infrared_right_m, right_m),
         ):
             if range_m is None:
                 continue
@@ -217,9 +209,8 @@ class ObservationMonitor:
             if gap_m > self._geometry.beside_lane_gap_m + _ROUNDING_M:
                 continue
             low, high = (max(gap_m, 0.0) + edge_m for edge_m in self._geometry.beside_lane_m)
-            ahead = (0.0, mount.x_m + _MOUNT_AHEAD_M)
             band = (low, high) if side > 0 else (-high, -low)
-            if self._map.fresh(obs.pose, ahead, band) > self._options.beside_unswept:
+            if self._map.fresh(obs.pose, (0.0, ahead_m), band) > self._options.beside_unswept:
                 self.beside = side
                 return True
         return False

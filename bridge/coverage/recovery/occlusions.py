@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.geometry import Pose2
 
-MIN_M = 0.15
-"""Minimum missing length of a lane that counts as an occluded region, m."""
 _STEP_M = 0.04
 """Step size of the overlap computation, m."""
-_CLOSED_SHARE = 0.5
-"""Share of the length that later lanes must sweep to close a region."""
 _MAX_OPEN = 64
 """Maximum number of stored regions."""
 
@@ -52,8 +49,9 @@ class OccludedRegion:
 class OccludedRegions:
     """The open occluded regions."""
 
-    def __init__(self, width_m: float) -> None:
+    def __init__(self, options: RecoveryOptions, width_m: float) -> None:
         """Begin without a region. ``width_m`` is the mouth's width."""
+        self._options = options
         self._within_m = 0.5 * width_m
         self.open: list[OccludedRegion] = []
         self._found = 0
@@ -71,7 +69,7 @@ class OccludedRegions:
 
     def met(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
         """Return the open region with the largest overlap with a lane; None: no overlap."""
-        best, max_m = None, MIN_M
+        best, max_m = None, self._options.occlusion_min_m
         for occlusion in self.open:
             over_m = occlusion.overlap_m(begin, length_m, self._within_m)
             if over_m >= max_m:
@@ -81,7 +79,8 @@ class OccludedRegions:
     def swept(self, occlusion: OccludedRegion, begin: Pose2, length_m: float) -> bool:
         """Subtract a lane from a region. Return True if the region is now closed."""
         occlusion.left_m -= occlusion.overlap_m(begin, length_m, self._within_m)
-        closed = occlusion.left_m <= (1.0 - _CLOSED_SHARE) * occlusion.length_m
+        left_share = 1.0 - self._options.occlusion_closed_share
+        closed = occlusion.left_m <= left_share * occlusion.length_m
         if closed and occlusion in self.open:
             self.open.remove(occlusion)
         return closed

@@ -19,9 +19,20 @@ class RecoveryOptions:
 
     cells_per_width: float = 8.0
     """Number of map cells per width of the mouth: 2 cm for the paper's robot."""
+    cells_per_radius: float = 8.0
+    """Minimum number of map cells per footprint radius. It limits the cell size of a robot with a
+    wide mouth, because large cells close narrow passages."""
+    min_cell_m: float = 0.01
+    """Minimum length of a cell's edge, m. With smaller cells, a search on a large floor takes
+    seconds."""
+    max_cell_m: float = 0.025
+    """Maximum length of a cell's edge, m. With larger cells, the map closes passages that the
+    footprint fits through."""
     search_margin: float = 1.0 / 16.0
     """Share of the mouth's width at each end that the search does not expect to sweep. It is 1 cm
-    for the paper's robot, and never more than 1 cm."""
+    for the paper's robot, and never more than ``max_search_margin_m``."""
+    max_search_margin_m: float = 0.01
+    """Maximum length at each end of the mouth that the search does not expect to sweep, m."""
     margin_sigmas: float = 0.4
     """Length at each end of the mouth that does not count as swept, in standard deviations of the
     position across the heading. Two lanes beside each other have a common part of the error, so
@@ -59,6 +70,8 @@ class RecoveryOptions:
     """Tolerance for small pieces per distance of the mouth ahead of the axle. The minimum sweep
     rate is divided by 1 + ``ahead_patience`` * distance / width of the mouth. A mouth ahead of the
     axle leaves a small piece in each corner, and each piece needs a short lane."""
+    near_radii: float = 0.5
+    """Length of a path that is not driven before a lane, in radii of the footprint."""
     near_rate: float = 3.0 / 7.0
     """Sweep rate at which the search ends with a choice, relative to a full lane."""
     hole_rate: float = 1.0 / 70.0
@@ -71,6 +84,9 @@ class RecoveryOptions:
     strips."""
     perimeter_length_m: float = 10.0 / 7.0
     """Length of a strip of full width that a perimeter pass is expected to sweep, m."""
+    fruitful_length_m: float = 0.1
+    """Expected length of a strip of full width in the test whether a perimeter pass was fruitful,
+    m."""
     retry_length_m: float = 0.625
     """Length of a strip of full width after which a fruitless attempt may be repeated, m. It is an
     area of new floor."""
@@ -101,6 +117,11 @@ class RecoveryOptions:
     looks_m: tuple[float, ...] = (2.2, 5.2)
     """Maximum path lengths of the search, tried one after another, m. The last search has no
     limit."""
+    snap_m: float = 0.12
+    """Maximum distance from the robot to the passable cell in which the search starts, for the
+    paper's robot and smaller robots, m. It is used if the robot's own cell is not passable."""
+    unreachable_m: float = 1.0
+    """Minimum visited but unreachable path that shows wrong evidence, m."""
     slice_cells: int = 50_000
     """Number of cells that a search processes in one control step: about 2 ms. On a large floor the
     robot waits for some steps."""
@@ -110,8 +131,39 @@ class RecoveryOptions:
     """Minimum time between two heading fixes, s. It doubles after each fix without effect."""
     max_decisions: int = 4000
     """Maximum number of decisions in a plan."""
+    moved_cells: float = 0.25
+    """Motion after which the floor under the mouth is marked, cells."""
+    turned_rad: float = 0.02
+    """Turn after which the floor under the mouth is marked, rad."""
+    strong_m: float = 0.12
+    """Infrared range below which a reading has double weight, m. One such reading marks a cell as
+    occupied. The sensor's noise grows with the square of the range."""
+    contact_uncertain_m: float = 0.035
+    """Pose uncertainty within which evidence near the rim may be the cause of a contact, m."""
+    look_rad_s: float = 1.0
+    """Maximum yaw rate at which infrared readings are added to the map, rad/s."""
+    beam_end_m: float = 0.03
+    """Length of the end of an infrared beam in which it removes no evidence, m."""
+    range_rim_m: float = 0.01
+    """Distance from the rim at which an obstacle that the ultrasonic sensor detects is mapped,
+    m."""
+    occlusion_min_m: float = 0.15
+    """Minimum missing length of a lane that counts as an occluded region, m."""
+    occlusion_closed_share: float = 0.5
+    """Share of the length that later lanes must sweep to close an occluded region."""
 
     # -- lanes and contact -----------------------------------------------------------------------
+    approach_margin_m: float = 0.02
+    """Difference between the infrared sensor's maximum range and the range at which the robot
+    starts to follow the first wall, m."""
+    contact_ahead_min: float = 0.125
+    """Minimum distance of the checked floor in front of an obstacle, in the direction of the
+    obstacle, in widths of the mouth."""
+    contact_ahead_max: float = 0.46875
+    """Maximum distance of the checked floor in front of an obstacle, in the direction of the
+    obstacle, in widths of the mouth."""
+    contact_beside: float = 0.25
+    """Half the width of the checked floor in front of an obstacle, in widths of the mouth."""
     obstacle_unswept: float = 0.4
     """Minimum unswept share of the floor in front of an obstacle whose perimeter is followed."""
     back_off_m_s: float = 0.05
@@ -123,7 +175,48 @@ class RecoveryOptions:
     of the light barriers, a cliff may come as near as 9 cm to the wheels. The outer barriers detect
     a cliff only at this distance. The additional distance keeps the wheels off the cliff."""
 
+    known_floor_inside_m: float = 0.015
+    """Difference between half the wheel base and the distance from the axle's path within which the
+    floor is known to exist, m. The wheels drove on both sides of this floor."""
+    cliff_reach_m: float = 0.105
+    """Maximum distance that a cliff can extend inwards between two sensors, for the paper's robot,
+    m."""
+    cliff_slow_m: float = 0.19
+    """Distance from the footprint to a cliff at which the speed limit begins, m."""
+    cliff_perimeter_m: float = 0.26
+    """Minimum distance from the footprint to a cliff at which a perimeter pass may begin, m."""
+    cliff_same_m: float = 0.02
+    """Distance within which a new detection counts as the same cliff, m."""
+    cliff_same_rad: float = math.radians(15.0)
+    """Turn within which a new detection counts as the same cliff, rad."""
+    cliff_floor_min_m: float = 0.01
+    """Minimum distance ahead of the mark of a cliff at which detected floor removes the mark, m."""
+    cliff_floor_max_m: float = 0.06
+    """Maximum distance ahead of the mark of a cliff at which detected floor removes the mark, m."""
+    cliff_floor_aside_m: float = 0.02
+    """Maximum distance to the side of the mark of a cliff at which detected floor removes the mark,
+    m."""
+    cliff_m_s: float = 0.10
+    """Maximum speed near a cliff, m/s. Stopping from 0.28 m/s takes 5 cm. The outer barriers detect
+    a cliff only 9 cm before the wheels reach it."""
+
     # -- perimeter pass --------------------------------------------------------------------------
+    band_inner: float = 0.1875
+    """Inner limit of the strip that a perimeter pass sweeps, from the axle's line, in widths of the
+    mouth. This strip is at the end of the mouth next to the wall."""
+    band_outer: float = 0.40625
+    """Outer limit of the strip that a perimeter pass sweeps, from the axle's line, in widths of the
+    mouth."""
+    band_ahead_min_m: float = 0.03
+    """Distance ahead of the mouth at which the strip begins that is checked to detect a complete
+    pass, m."""
+    band_ahead_max_m: float = 0.25
+    """Distance ahead of the mouth at which the strip ends that is checked to detect a complete
+    pass, m."""
+    round_m_s: float = 0.0825
+    """Minimum speed that means a corner during wall following, m/s. It is converted to a yaw rate
+    with the radius on which the axle drives round a corner: 0.5 rad/s, nine tenths of the yaw rate
+    in a corner."""
     perimeter_stuck_m: float = 0.02
     """Path along a wall below which the attempt counts as stuck, m."""
     perimeter_max_stuck: int = 8
@@ -133,8 +226,20 @@ class RecoveryOptions:
     further contact within ``same_bump_m`` increases the turn."""
     same_bump_m: float = 0.06
     """Maximum path between two contacts that count as contacts at the same place, m."""
+    felt_rad: float = math.radians(65.0)
+    """Minimum bearing of a contact with a wall to which the robot drives at a small angle, rad."""
+    abeam_rad: float = math.radians(60.0)
+    """Bearing beyond which evidence near the rim belongs to the followed wall, rad."""
+    beside_share: float = 0.9
+    """Share of the radius beyond which an obstacle at the side is the followed wall. Used in a
+    corner."""
+    beside_straight_share: float = 0.6
+    """Share of the radius beyond which an obstacle at the side is the followed wall. Used along a
+    straight wall, where older evidence may be some centimetres wrong after a pose correction."""
 
     # -- transit ---------------------------------------------------------------------------------
+    min_leg_m: float = 0.01
+    """Maximum length of a path segment that is too short to drive, m."""
     bend_rad: float = math.radians(15.0)
     """Minimum bend of a path for a turn in place, rad. In a smaller bend the robot steers."""
     slight_rad: float = math.radians(10.0)
@@ -168,8 +273,23 @@ class RecoveryOptions:
     """Maximum ratio of the standard deviations after and before a fix that counts as successful."""
     fix_enough_rad: float = math.radians(0.6)
     """Heading standard deviation below which the fix is not needed after the transit, rad."""
+    fix_run_m: float = 0.48
+    """Length of a drive along a wall, m: 40 cm for the measurement, and 8 cm for the approach. It
+    measures the direction with an error of a third of a degree, with a noisy infrared sensor."""
     fix_run_m_s: float = 0.15
     """Speed along the wall in a heading fix, m/s. A low speed gives more readings."""
+    fix_off_m: float = 0.035
+    """Additional gap to the wall compared with a perimeter pass, m. It allows for the position
+    error. A robot that grazes the wall turns parallel to it and would take this as its own
+    heading."""
+    fix_read_s: float = 0.15
+    """Standstill after the drive, s. The last infrared reading arrives in this time."""
+    fix_wall_m: float = 0.5
+    """Minimum length of a wall segment that is stored for heading fixes, m."""
+    fix_bent_rad: float = math.radians(10.0)
+    """Turn of the heading that ends a wall segment, rad."""
+    fix_tries: int = 2
+    """Number of drives in a row without effect after which a wall segment is removed."""
 
     # -- each observation ------------------------------------------------------------------------
     check_m: float = 0.05
@@ -185,6 +305,24 @@ class RecoveryOptions:
     """Minimum speed at which the heading is used for the main direction of the walls, m/s."""
     on_lane_m_s: float = 0.1
     """Minimum speed from which the robot counts as on its lane, m/s."""
+    correction_m: float = 0.008
+    """Minimum motion of the estimate beyond the driven path that counts as a pose correction, m.
+    The robot drives 6 mm in a control step at top speed."""
+    reported_rad: float = math.radians(0.3)
+    """Minimum heading standard deviation whose reduction is reported, rad. A wall reduces it."""
+    reported_share: float = 0.5
+    """Maximum ratio of the standard deviations after and before a reduction that is reported."""
+    beside_lane_min: float = 0.09375
+    """Inner limit of the strip that a wall beside a lane occupies, measured from the gap to the
+    wall, in widths of the mouth."""
+    beside_lane_max: float = 0.40625
+    """Outer limit of the strip that a wall beside a lane occupies, measured from the gap to the
+    wall, in widths of the mouth."""
+    beside_lane_gap: float = 0.875
+    """Maximum gap between rim and wall at which the wall makes the lane narrower, in widths of the
+    mouth."""
+    beside_lane_ahead_m: float = 0.03
+    """Length ahead of a side infrared sensor in which floor counts as beside the lane, m."""
     closed_after_m: float = 0.25
     """Minimum path before a perimeter pass can be complete, m. The pass may begin on floor that a
     lane has swept."""
@@ -197,6 +335,15 @@ class RecoveryOptions:
     spared: int = 8
     """Number of fruitless decisions in a row from which every block counts against the target.
     Before that, a block far from the target does not count."""
+    same_place_m: float = 0.15
+    """Distance within which two places count as the same place, m. It allows for the position
+    uncertainty. A place is a block, or the beginning of a wall."""
+    worth_length_m: float = 0.1875
+    """Length of a strip of full width for which the robot spends 5 s to search for a passage, m. It
+    is an area of new floor, and does not scale with the robot's size."""
+    min_wall_m: float = 0.24
+    """Minimum length of an obstacle that the robot follows, m. It does not scale with the robot's
+    size. A chair leg is smaller. Following it leads back to the same place."""
     far_m: float = 0.4
     """Minimum distance of a block that is far from the target, m."""
     max_cleared: int = 3

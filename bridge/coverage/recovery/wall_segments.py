@@ -11,22 +11,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from bridge.motion.geometry import wrap_angle
 
 if TYPE_CHECKING:
+    from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.geometry import Pose2
 
-HEADING_RUN_M = 0.48
-"""Length of a drive along a wall, m: 40 cm for the measurement, and 8 cm for the approach. It
-measures the direction with an error of a third of a degree, with a noisy infrared sensor."""
-OFF_M = 0.035
-"""Additional gap to the wall compared with a perimeter pass, m. It allows for the position error. A
-robot that grazes the wall turns parallel to it and would take this as its own heading."""
-_MIN_M = 0.5
-"""Minimum length of a stored segment, m."""
 _MAX_KEPT = 24
 """Maximum number of stored segments."""
-_BENT_RAD = math.radians(10.0)
-"""Turn of the heading that ends a segment, rad."""
-_TRIES = 2
-"""Number of drives in a row without effect after which a segment is removed."""
 
 
 class Start(NamedTuple):
@@ -45,10 +34,10 @@ class _Segment(NamedTuple):
     side: int
     """Side of the wall: left (1) or right (-1)."""
 
-    def starts(self) -> tuple[Start, Start]:
-        """Return the start poses at both ends of the segment."""
+    def starts(self, off_m: float) -> tuple[Start, Start]:
+        """Return the start poses at both ends of the segment, ``off_m`` farther from the wall."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        x, y = self.x_m + self.side * OFF_M * s, self.y_m - self.side * OFF_M * c
+        x, y = self.x_m + self.side * off_m * s, self.y_m - self.side * off_m * c
         back = wrap_angle(self.heading_rad + math.pi)
         return (
             Start(x, y, self.heading_rad),
@@ -59,8 +48,9 @@ class _Segment(NamedTuple):
 class WallSegments:
     """Stores the longest wall segments."""
 
-    def __init__(self) -> None:
+    def __init__(self, options: RecoveryOptions) -> None:
         """Begin without a segment."""
+        self._options = options
         self._begun: Pose2 | None = None
         self._kept: list[_Segment] = []
         self._fails: dict[_Segment, int] = {}
@@ -69,7 +59,8 @@ class WallSegments:
         """Add a step along a wall on the left (1) or right (-1)."""
         begun = self._begun
         if begun is not None and (
-            not straight or abs(wrap_angle(pose.theta_rad - begun.theta_rad)) > _BENT_RAD
+            not straight
+            or abs(wrap_angle(pose.theta_rad - begun.theta_rad)) > self._options.fix_bent_rad
         ):
             self.end(pose, side)
         if self._begun is None and straight:
@@ -81,7 +72,7 @@ class WallSegments:
         if begun is None:
             return
         length = begun.distance_m(pose)
-        if length < _MIN_M:
+        if length < self._options.fix_wall_m:
             return
         heading = math.atan2(pose.y_m - begun.y_m, pose.x_m - begun.x_m)
         self._kept.append(_Segment(length, begun.x_m, begun.y_m, heading, side))
@@ -90,14 +81,16 @@ class WallSegments:
 
     def starts(self) -> list[Start]:
         """Return the start poses at both ends of every segment."""
-        return [start for segment in self._kept for start in segment.starts()]
+        off_m = self._options.fix_off_m
+        return [start for segment in self._kept for start in segment.starts(off_m)]
 
     def tried(self, start: Start, *, helped: bool) -> None:
-        """Store the result of a drive. Two drives in a row without effect remove the segment."""
-        for segment in [segment for segment in self._kept if start in segment.starts()]:
+        """Store the result of a drive. Some drives in a row without effect remove the segment."""
+        off_m = self._options.fix_off_m
+        for segment in [segment for segment in self._kept if start in segment.starts(off_m)]:
             if helped:
                 self._fails.pop(segment, None)
                 continue
             self._fails[segment] = self._fails.get(segment, 0) + 1
-            if self._fails[segment] >= _TRIES:
+            if self._fails[segment] >= self._options.fix_tries:
                 self._kept.remove(segment)

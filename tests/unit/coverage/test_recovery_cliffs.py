@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
-GEOMETRY = PlannerGeometry.from_model(MODEL, RecoveryOptions())
+OPTIONS = RecoveryOptions()
+GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
 QUARTER = 0.5 * math.pi
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 BRAKE = Braking(0.3, 0.1)
@@ -54,7 +55,7 @@ def open_at(memory: EvidenceMap, x_m: float, y_m: float) -> bool:
 
 
 def test_the_spots_may_all_be_without_a_floor() -> None:
-    edges = Cliffs(GEOMETRY)
+    edges = Cliffs(OPTIONS, GEOMETRY)
     assert not edges
     edges.add(ORIGIN, nowhere)
     assert edges
@@ -70,11 +71,11 @@ def test_the_spots_may_all_be_without_a_floor() -> None:
 
 
 def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
-    edges = Cliffs(GEOMETRY)
+    edges = Cliffs(OPTIONS, GEOMETRY)
     edges.add(ORIGIN, lambda _x, y: y > 0.05)
     assert len(edges.marks) == 2
     assert all(mark.y_m < 0.05 for mark in edges.marks)
-    edges = Cliffs(GEOMETRY)
+    edges = Cliffs(OPTIONS, GEOMETRY)
     edges.add(ORIGIN, lambda _x, _y: True)
     assert len(edges.marks) == 3, "one of them is wrong"
 
@@ -92,7 +93,7 @@ def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
 )
 def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -> None:
     for turned in (0.0, 2.0):
-        edges = Cliffs(GEOMETRY)
+        edges = Cliffs(OPTIONS, GEOMETRY)
         edges.add(Pose2(1.0, 2.0, turned), nowhere)
         at = Pose2(1.0, 2.0, turned).transform(x_m, y_m)
         edges.see_floor(Pose2(*at, turned))
@@ -100,7 +101,7 @@ def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -
 
 
 def test_abandoned_targets_are_removed() -> None:
-    edges = Cliffs(GEOMETRY)
+    edges = Cliffs(OPTIONS, GEOMETRY)
     edges.add(ORIGIN, nowhere)
     edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
     edges.clear(Pose2(0.1, 0.0, 0.0), 0.3)

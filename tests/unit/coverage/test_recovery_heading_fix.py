@@ -16,7 +16,6 @@ from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
 from bridge.coverage.recovery.search import Choice, Chooser
-from bridge.coverage.recovery.wall_segments import OFF_M, Start
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import PlannerEvent
     from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.coverage.recovery.wall_segments import Start
     from bridge.floor_plan.floor_plan import FloorPlan
 
     Found = TypeVar("Found")
@@ -40,6 +40,7 @@ pytestmark = pytest.mark.slow
 
 MODEL = RobotModel()
 LEFT = 1
+OFF_M = RecoveryOptions().fix_off_m
 QUARTER = 0.5 * math.pi
 
 

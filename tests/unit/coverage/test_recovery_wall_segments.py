@@ -6,10 +6,13 @@ import math
 
 import pytest
 
-from bridge.coverage.recovery.wall_segments import OFF_M, Start, WallSegments
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.wall_segments import Start, WallSegments
 from bridge.motion.geometry import Pose2
 
 LEFT, RIGHT = 1, -1
+OPTIONS = RecoveryOptions()
+OFF_M = OPTIONS.fix_off_m
 QUARTER = 0.5 * math.pi
 
 
@@ -23,7 +26,7 @@ def one(start: Start, x: float, y: float, heading: float) -> bool:
 
 
 def test_a_stretch_is_begun_from_either_end_a_little_off_the_wall() -> None:
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     assert segments.starts() == []
     follow(segments, LEFT, (1.0, 2.0, 0.0), (1.5, 2.0, 0.0), (2.0, 2.0, 0.0))
     segments.end(Pose2(2.0, 2.0, 0.0), LEFT)
@@ -34,14 +37,14 @@ def test_a_stretch_is_begun_from_either_end_a_little_off_the_wall() -> None:
 
 
 def test_a_wall_on_the_right_is_kept_off_on_the_left() -> None:
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     follow(segments, RIGHT, (0.0, 0.0, QUARTER))
     segments.end(Pose2(0.0, 1.0, QUARTER), RIGHT)
     assert one(segments.starts()[0], -OFF_M, 0.0, QUARTER)
 
 
 def test_short_and_bent_ones_are_not_kept_and_a_corner_parts_two() -> None:
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     follow(segments, LEFT, (0.0, 0.0, 0.0), (0.4, 0.0, 0.0))
     segments.end(Pose2(0.4, 0.0, 0.0), LEFT)
     assert segments.starts() == []
@@ -50,7 +53,7 @@ def test_short_and_bent_ones_are_not_kept_and_a_corner_parts_two() -> None:
         at = 0.1 * k
         segments.follow(Pose2(math.cos(at), math.sin(at), at + QUARTER), LEFT, straight=True)
     assert segments.starts() == []
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     follow(segments, LEFT, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     segments.follow(Pose2(1.0, 0.1, 0.1), LEFT, straight=False)
     follow(segments, LEFT, (1.0, 0.2, QUARTER), (1.0, 1.2, QUARTER))
@@ -60,7 +63,7 @@ def test_short_and_bent_ones_are_not_kept_and_a_corner_parts_two() -> None:
 
 
 def test_the_longest_are_kept() -> None:
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     for k in range(60):
         follow(segments, LEFT, (0.0, float(k), 0.0))
         segments.end(Pose2(0.6 + 0.01 * k, float(k), 0.0), LEFT)
@@ -70,7 +73,7 @@ def test_the_longest_are_kept() -> None:
 
 
 def test_a_target_that_failed_twice_is_abandoned_from_both_ends() -> None:
-    segments = WallSegments()
+    segments = WallSegments(OPTIONS)
     for y in (0.0, 1.0):
         follow(segments, LEFT, (0.0, y, 0.0))
         segments.end(Pose2(1.0, y, 0.0), LEFT)

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Leg, LegResult
 
-_RIM_M = 0.01
-"""Distance from the rim at which an obstacle that the ultrasonic sensor detects is mapped, m."""
-
 
 def react(
     context: RecoveryContext, result: LegResult, heading_rad: float, *, abeam: int = 0
@@ -27,7 +24,7 @@ def react(
     ``abeam`` is the side of a wall that the robot follows in contact: left (1) or right (-1).
     """
     if result.reason is StopReason.RANGE:
-        point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
+        point = result.pose.transform(context.geometry.range_point_m, 0.0)
         context.map.add_point(*point)
         context.record.emit(events.obstacle_met(result))
     elif result.reason is StopReason.CLIFF:

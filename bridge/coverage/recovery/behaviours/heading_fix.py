@@ -9,7 +9,6 @@ from bridge.coverage.recovery.behaviours.obstacle_following import drive
 from bridge.coverage.recovery.behaviours.perimeter import turn
 from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.search import Choice
-from bridge.coverage.recovery.wall_segments import HEADING_RUN_M
 from bridge.motion.legs import Drive, Dwell
 
 if TYPE_CHECKING:
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.wall_segments import Start
     from bridge.coverage.recovery.window import Point
     from bridge.motion.legs import Leg
-
-_READ_S = 0.15
-"""Standstill after the drive, s. The last infrared reading arrives in this time."""
 
 
 class HeadingFix:
@@ -81,7 +77,7 @@ class HeadingFix:
             drive along the wall, because the transit was blocked or already fixed the heading.
 
         """
-        choice = Choice("heading-fix", path, start.heading_rad, HEADING_RUN_M)
+        choice = Choice("heading-fix", path, start.heading_rad, context.options.fix_run_m)
         arrived = yield from transit(context, choice)
         begun_rad = context.obs.heading_sigma_rad
         if not arrived or begun_rad < context.options.fix_enough_rad:
@@ -90,12 +86,12 @@ class HeadingFix:
         context.enter("heading-fix", path[-1])
         leg = Drive(
             start.heading_rad,
-            HEADING_RUN_M,
+            context.options.fix_run_m,
             speed_m_s=context.options.fix_run_m_s,
             stop_range_m=context.geometry.stop_range_m,
             wary=True,
             purpose="heading-fix",
         )
         yield from drive(context, leg)
-        yield Dwell(_READ_S, purpose="heading-fix")
+        yield Dwell(context.options.fix_read_s, purpose="heading-fix")
         return begun_rad

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.contact import react
-from bridge.coverage.recovery.map import FELT_RAD
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import FollowWall, StopReason, Turn
 
@@ -83,7 +82,7 @@ def follow_perimeter(
         # Turn until the contact is beside the robot. A contact on the other side is an inner
         # corner.
         if abeam:
-            away = FELT_RAD
+            away = options.felt_rad
         else:
             away = side * context.map.bearing_rad(result, beside=side if again else 0)
         away = max(QUARTER - away, min(options.min_away_rad * (1 + again), QUARTER))

@@ -9,7 +9,6 @@ from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
 from bridge.coverage.recovery.behaviours.transit import transit
 from bridge.coverage.recovery.behaviours.u_turn import UTurn, offset
-from bridge.coverage.recovery.occlusions import MIN_M
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, StopReason
 
@@ -91,7 +90,7 @@ def _record_lane(context: RecoveryContext, result: LegResult, planned_m: float) 
         lane_distance_m=context.lane_m,
     )
     cut = result.reason.blocked or result.reason is StopReason.CANCELLED
-    if cut and planned_m - context.lane_m > MIN_M:
+    if cut and planned_m - context.lane_m > context.options.occlusion_min_m:
         heading = result.pose.theta_rad
         region = context.occlusions.found(result.pose, heading, planned_m, context.lane_m)
         context.record.emit(events.occlusion_found(region))

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.legs import Leg, LegResult
 
-_NO_LEG_M = 0.01
-"""Maximum length of a path segment that is too short to drive, m."""
 _CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 
 
@@ -54,11 +52,11 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
     context.stuck.begin_transit()
     for k, (x, y) in enumerate(choice.path):
         heading, distance = course(context.pose, x, y)
-        if distance < _NO_LEG_M:
+        if distance < context.options.min_leg_m:
             continue
         yield from turn(context, heading, context.options.bend_rad)
         heading, distance = course(context.pose, x, y)  # the robot may have moved in the turn
-        if distance < _NO_LEG_M:
+        if distance < context.options.min_leg_m:
             continue
         leg = straight(context, heading, distance, end_speed(context.options, choice, k, heading))
         result = yield from drive(context, leg)

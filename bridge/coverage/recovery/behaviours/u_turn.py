@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.search import Choice
     from bridge.motion.legs import Leg
 
-_NO_LEG_M = 0.01
-"""Maximum distance that is too short to drive, m."""
 _SAMPLES = 5
 """Number of points on each part of the path at which the map is checked."""
 
@@ -81,10 +79,10 @@ class UTurn:
         context.enter("transit", self.choice.path[-1])
         context.stuck.begin_transit()
         parts: list[Drive | Turn] = []
-        if self.ahead_m > _NO_LEG_M:
+        if self.ahead_m > context.options.min_leg_m:
             parts.append(straight(context, lane.theta_rad + math.pi, self.ahead_m, end_m_s))
         between_m = abs(self.across_m) - 2.0 * self.radius_m
-        if between_m > _NO_LEG_M:
+        if between_m > context.options.min_leg_m:
             aside_rad = lane.theta_rad + self._side * QUARTER
             parts.append(_arc(aside_rad, self._side * self.radius_m))
             parts.append(straight(context, aside_rad, between_m, end_m_s))
