@@ -11,11 +11,13 @@ from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.point_to_point import PointToPointController
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.estimation.odometry import ENCODER_MODULUS, advance_arc, encoder_delta
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()
+TURN_IN_PLACE_RAD = MotionTuning().turn_in_place_rad
 angles = st.floats(-math.pi, math.pi)
 travels = st.floats(-1.0, 1.0)
 poses = st.builds(Pose2, st.floats(-5, 5), st.floats(-5, 5), angles)
@@ -88,7 +90,7 @@ def test_rotary_turns_in_the_shorter_direction(target: float, yaw: float) -> Non
 
 @given(poses, st.floats(-5, 5), st.floats(-5, 5))
 def test_point_controller_never_drives_away(pose: Pose2, x: float, y: float) -> None:
-    command = PointToPointController(0.3, 1.5).update(x, y, pose, 0.02)
+    command = PointToPointController(0.3, 1.5, TURN_IN_PLACE_RAD).update(x, y, pose, 0.02)
     assert 0.0 <= command.vx_m_s <= 0.3
     ahead = math.cos(pose.theta_rad) * (x - pose.x_m) + math.sin(pose.theta_rad) * (y - pose.y_m)
     assert command.vx_m_s == 0.0 or ahead > 0.0

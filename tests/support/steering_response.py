@@ -87,7 +87,9 @@ def bearing_step(
     """
     tune = MotionTuning()
     rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
-    point = PointToPointController(model.cruise_speed_m_s, rate, DISTANCE_GAINS, gains)
+    point = PointToPointController(
+        model.cruise_speed_m_s, rate, tune.turn_in_place_rad, DISTANCE_GAINS, gains
+    )
     x, y = distance_m * math.cos(angle_rad), distance_m * math.sin(angle_rad)
     body = _Body(model, dead_s=dead_s)
     response = StepResponse([], [], [], angle_rad)

@@ -24,6 +24,7 @@ from bridge.motion.control.pid import PidGains
 from bridge.motion.control.point_to_point import DISTANCE_GAINS, PointToPointController
 from bridge.motion.control.rotary import ROTARY_GAINS, RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.step_response import STEP_S, StepResponse
 
@@ -98,7 +99,8 @@ def point_step(
     lowpass: float = 0.6,
 ) -> StepResponse:
     """Drive to a point ahead with the point-to-point PD controller (section 3.3, part 4)."""
-    point = PointToPointController(model.cruise_speed_m_s, 1.5, gains)
+    turn_rad = MotionTuning().turn_in_place_rad
+    point = PointToPointController(model.cruise_speed_m_s, 1.5, turn_rad, gains)
     smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
     return _respond(
         lambda x: point.update(distance_m, 0.0, Pose2(x, 0.0, 0.0), STEP_S).vx_m_s,

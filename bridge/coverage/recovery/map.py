@@ -21,7 +21,6 @@ from bridge.coverage.recovery.evidence_kernels import (
     sweep,
 )
 from bridge.coverage.recovery.geometry import PlannerGeometry
-from bridge.motion.control.hidden_ahead import TOUCH_M_S
 from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
@@ -338,13 +337,22 @@ class EvidenceMap:
             aside_m[1] * per,
         )
 
-    def pace(self, pose: Pose2, following: int, brake: Braking, *, straight: bool = False) -> float:
+    def pace(
+        self,
+        pose: Pose2,
+        following: int,
+        brake: Braking,
+        touch_m_s: float,
+        *,
+        straight: bool = False,
+    ) -> float:
         """Return the maximum forward speed with harmless contacts at known obstacles, m/s.
 
         Args:
             pose: the robot's pose.
             following: side of a followed wall, left (1) or right (-1); 0: none. It may be touched.
             brake: braking distance of the robot.
+            touch_m_s: maximum speed of a harmless contact along the normal, m/s.
             straight: True if the followed wall is straight. Older evidence of this wall then does
                 not count. It may be some centimetres wrong because of a pose correction.
 
@@ -363,7 +371,7 @@ class EvidenceMap:
             rim_m,
             beside if following < 0 else rim_m,
             beside if following > 0 else rim_m,
-            TOUCH_M_S,
+            touch_m_s,
             brake.decel,
             brake.latency_s,
             self._model.max_speed_m_s,

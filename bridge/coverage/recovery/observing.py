@@ -70,6 +70,7 @@ class ObservationMonitor:
         self._map, self._record, self._segments = evidence, record, segments
         tuning = MotionTuning()
         self._brake = Braking(tuning.brake_share * model.max_accel_m_s2, tuning.lag_s)
+        self._touch_m_s = tuning.hidden.touch_m_s
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
@@ -96,7 +97,9 @@ class ObservationMonitor:
         self._map.update(obs)
         wall = self.wall
         straight = abs(obs.yaw_rate_rad_s) < self._options.straight_rad_s
-        self.speed_limit_m_s = self._map.pace(obs.pose, wall.side, self._brake, straight=straight)
+        self.speed_limit_m_s = self._map.pace(
+            obs.pose, wall.side, self._brake, self._touch_m_s, straight=straight
+        )
         if wall.side and not straight:
             self.speed_limit_m_s = min(self.speed_limit_m_s, self._model.cruise_speed_m_s)
         if not wall.side:

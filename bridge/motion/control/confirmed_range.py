@@ -4,15 +4,6 @@ from __future__ import annotations
 
 import math
 
-_HELD_S = 0.12
-"""Age from which an equal value counts as a new reading, s. The sensor repeats a reading for a
-shorter time."""
-_SILENT_S = 0.3
-"""Time without an echo after which the path ahead counts as free, s."""
-_LEAP_M = 0.1
-"""Minimum decrease between two readings that means another object, m. No robot drives this far
-between two readings."""
-
 
 class ConfirmedRange:
     """Free distance ahead of a robot that turns while it drives, so ranges cannot be extrapolated.
@@ -22,11 +13,25 @@ class ConfirmedRange:
     counts if it occurs again soon, because a chair leg returns only some of the pulses.
     """
 
-    __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "is_blocked")
+    __slots__ = (
+        "_age_s",
+        "_held_s",
+        "_leap_m",
+        "_range_m",
+        "_silent_s",
+        "_stop_m",
+        "_strange_s",
+        "is_blocked",
+    )
 
-    def __init__(self, stop_m: float) -> None:
-        """Create the filter. ``stop_m`` is the range at which there is no free distance."""
+    def __init__(self, stop_m: float, *, held_s: float, silent_s: float, leap_m: float) -> None:
+        """Create the filter.
+
+        ``stop_m`` is the range at which there is no free distance. ``FollowTuning`` explains the
+        other values.
+        """
         self._stop_m = stop_m
+        self._held_s, self._silent_s, self._leap_m = held_s, silent_s, leap_m
         self._range_m: float | None = None
         self._age_s = 0.0
         self._strange_s = math.inf
@@ -42,15 +47,15 @@ class ConfirmedRange:
         self._age_s += dt_s
         self._strange_s += dt_s
         if range_m is None:
-            if self._age_s > _SILENT_S:
+            if self._age_s > self._silent_s:
                 self._range_m = math.inf
             self.is_blocked = False
             return math.inf
         room_m = range_m - self._stop_m
-        if range_m != self._range_m or self._age_s > _HELD_S:
-            leapt = self._range_m is not None and range_m < self._range_m - _LEAP_M
+        if range_m != self._range_m or self._age_s > self._held_s:
+            leapt = self._range_m is not None and range_m < self._range_m - self._leap_m
             near = room_m <= min_m
-            self.is_blocked = near and (not leapt or self._strange_s < _SILENT_S)
+            self.is_blocked = near and (not leapt or self._strange_s < self._silent_s)
             if near and leapt:
                 self._strange_s = 0.0
             self._range_m, self._age_s = range_m, 0.0

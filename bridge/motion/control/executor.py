@@ -50,20 +50,21 @@ class LegExecutor:
         """Begin at standstill, without a leg."""
         self._model = model
         self._tuning = tune = tuning or MotionTuning()
-        brake_m_s2 = tune.brake_share * model.max_accel_m_s2
-        self._brake = Braking(brake_m_s2, tune.lag_s, tune.creep_m_s)
+        self._brake = Braking(tune.brake_share * model.max_accel_m_s2, tune.lag_s, tune.creep_m_s)
         rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
-        brake_rad_s2 = 0.5 * model.max_yaw_accel_rad_s2
-        self._rotary = RotaryController(rate, brake_rad_s2)
+        brake_rad_s2 = tune.turn_brake_share * model.max_yaw_accel_rad_s2
+        self._rotary = RotaryController(rate, brake_rad_s2, tune.rotary)
         self._flow_rad_s = tune.flow_rate_share * model.max_yaw_rate_rad_s
         self._flow = Braking(tune.flow_brake_share * model.max_yaw_accel_rad_s2, tune.lag_s)
-        self._point = PointToPointController(model.max_speed_m_s, rate)
+        self._point = PointToPointController(
+            model.max_speed_m_s, rate, tune.turn_in_place_rad, tune.distance, tune.bearing
+        )
         self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
         self._ranging = RangingNoise()
         self._ahead = RangeAhead()
-        self._hidden = HiddenAhead(model, brake_m_s2)
+        self._hidden = HiddenAhead(model, self._brake, tune.hidden)
         self._wary_m_s = math.inf
         self.speed_limit_m_s = math.inf
         """Maximum forward speed that the planner allows at present, m/s."""
@@ -296,7 +297,7 @@ class LegExecutor:
         if hit is not None:
             return self._stop(hit, obs, dt)
         command = self._point.update(leg.x_m, leg.y_m, obs.pose, dt)
-        near = command.distance_m < 5.0 * tune.point_tolerance_m
+        near = command.distance_m < tune.point_near * tune.point_tolerance_m
         behind = abs(command.bearing_error_rad) > 0.5 * math.pi
         if command.distance_m < tune.point_tolerance_m or (near and behind):
             return self._stop(StopReason.DONE, obs, dt)

@@ -8,31 +8,44 @@ disappears gives the lateral distance of the obstacle, but not its side.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.motion.control.braking import Braking
-
 if TYPE_CHECKING:
+    from bridge.motion.control.braking import Braking
     from bridge.motion.robot_model import RobotModel
 
-TOUCH_M_S = 0.026
-"""Maximum speed of a harmless contact along the normal, m/s. A collision begins at 0.03 m/s."""
-_LOST_M = 0.08
-"""Minimum increase of the range between two readings that means another obstacle, m."""
-_SAME_M = 0.06
-"""Maximum distance between an echo and a hidden obstacle that means the same obstacle, m."""
-_MARGIN_M = 0.012
-_TURNED_RAD = 0.15
-"""Turn after which the position of a hidden obstacle is unknown, rad."""
-_PAST_M = 0.01
-"""Path beyond the expected contact after which the obstacle is removed, m."""
-_ASIDE_M = 0.02
-"""Lateral margin of the expected contact, m."""
+
+@dataclass(frozen=True, slots=True)
+class HiddenAheadTuning:
+    """Limits; lengths are in m, angles in rad."""
+
+    touch_m_s: float = 0.026
+    """Maximum speed of a harmless contact along the normal, m/s. A collision begins at 0.03 m/s."""
+    lost_m: float = 0.08
+    """Minimum increase of the range between two readings that means another obstacle, m."""
+    same_m: float = 0.06
+    """Maximum distance between an echo and a hidden obstacle that means the same obstacle, m."""
+    margin_m: float = 0.012
+    """Margin around the footprint in the computation of a contact, m."""
+    turned_rad: float = 0.15
+    """Turn after which the position of a hidden obstacle is unknown, rad."""
+    sharp_rad: float = 0.02
+    """Maximum turn between two readings after which a lost echo means a hidden obstacle, rad. It is
+    1°."""
+    past_m: float = 0.01
+    """Path beyond the expected contact after which the obstacle is removed, m."""
+    aside_m: float = 0.02
+    """Lateral margin of the expected contact, m."""
+
+
 _MOST = 4
-_LATENCY_S = 0.10
+"""Maximum number of stored obstacles."""
 
 
-def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) -> float:
+def contact_speed(
+    aside_m: float, ahead_m: float, rim_m: float, brake: Braking, touch_m_s: float
+) -> float:
     """Return the maximum present speed at which a contact with a point is harmless, m/s.
 
     The speed is infinite if the footprint passes the point.
@@ -42,12 +55,13 @@ def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) 
         ahead_m: distance of the point ahead of the footprint's centre, m.
         rim_m: radius of the footprint plus a margin, m.
         brake: braking distance of the motion.
+        touch_m_s: maximum speed of a harmless contact along the normal, m/s.
 
     """
     if aside_m >= rim_m or ahead_m <= 0.0:
         return math.inf
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
-    touch = TOUCH_M_S * rim_m / reach_m  # the component along the normal is v·cos β
+    touch = touch_m_s * rim_m / reach_m  # the component along the normal is v·cos β
     push = brake.decel * brake.latency_s
     path_m = max(ahead_m - reach_m, 0.0)
     if not path_m:
@@ -58,13 +72,14 @@ def contact_speed(aside_m: float, ahead_m: float, rim_m: float, brake: Braking) 
 class HiddenAhead:
     """Obstacles that have left the cone, and the speed limit because of them."""
 
-    def __init__(self, model: RobotModel, decel_m_s2: float) -> None:
+    def __init__(self, model: RobotModel, brake: Braking, tuning: HiddenAheadTuning) -> None:
         """Begin without obstacles."""
         self._mount = model.ultrasonic
-        self._rim_m = model.radius_m + _MARGIN_M
+        self._tune = tuning
+        self._rim_m = model.radius_m + tuning.margin_m
         self._slope = math.tan(0.5 * model.ultrasonic.cone_rad)
-        self._far_m = (self._rim_m + _MARGIN_M) / max(self._slope, 1e-6)
-        self._brake = Braking(decel_m_s2, _LATENCY_S)
+        self._far_m = (self._rim_m + tuning.margin_m) / max(self._slope, 1e-6)
+        self._brake = brake
         self._things: list[list[float]] = []
         """Obstacles. Each has the distance ahead of the axle (m), the lateral distance (m), and the
         turn of the robot since it left the cone (rad)."""
@@ -89,28 +104,32 @@ class HiddenAhead:
         self._things = [
             thing
             for thing in self._things
-            if thing[0] > self._passed_m(thing[1]) and abs(thing[2]) < _TURNED_RAD
+            if thing[0] > self._passed_m(thing[1]) and abs(thing[2]) < self._tune.turned_rad
         ]
         return min(
-            (contact_speed(t[1], t[0], self._rim_m, self._brake) for t in self._things),
+            (
+                contact_speed(t[1], t[0], self._rim_m, self._brake, self._tune.touch_m_s)
+                for t in self._things
+            ),
             default=math.inf,
         )
 
     def _passed_m(self, aside_m: float) -> float:
         """Return the distance ahead of the axle below which the robot has passed an obstacle, m."""
-        body_m, aside_m = self._rim_m - _MARGIN_M, aside_m + _ASIDE_M
+        tune = self._tune
+        body_m, aside_m = self._rim_m - tune.margin_m, aside_m + tune.aside_m
         reach_m = math.sqrt(max(body_m * body_m - aside_m * aside_m, 0.0))
-        return max(reach_m - _PAST_M, 0.0)
+        return max(reach_m - tune.past_m, 0.0)
 
     def _look(self, raw_m: float | None) -> None:
         last, self._range_m = self._range_m, raw_m
         turned, self._turned_rad = self._turned_rad, 0.0
-        x_m = self._mount.x_m
+        x_m, tune = self._mount.x_m, self._tune
         if raw_m is not None and self._things:
             seen = raw_m + x_m
-            self._things = [t for t in self._things if abs(t[0] - seen) > _SAME_M]
-        if last is None or not 0.0 < last < self._far_m or turned > 0.02:  # noqa: PLR2004 - 1°
+            self._things = [t for t in self._things if abs(t[0] - seen) > tune.same_m]
+        if last is None or not 0.0 < last < self._far_m or turned > tune.sharp_rad:
             return
-        if raw_m is None or raw_m > last + _LOST_M:
+        if raw_m is None or raw_m > last + tune.lost_m:
             self._things.append([last + x_m, last * self._slope, 0.0])
             del self._things[:-_MOST]

@@ -12,8 +12,11 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 DISTANCE_GAINS = PidGains(kp=1.5, td_s=0.02)
+"""Gains from the distance (m) to the speed (m/s). The robot brakes from cruise speed with three
+quarters of its acceleration limit, without overshoot (``test_step_response``)."""
 BEARING_GAINS = PidGains(kp=4.0, td_s=0.03)
-TURN_IN_PLACE_RAD = math.radians(45.0)
+"""Gains from the bearing error (rad) to the yaw rate (rad/s). Kp is the fastest with less than 3 %
+overshoot at twice the dead time (``test_steering_response``)."""
 
 
 class PointCommand(NamedTuple):
@@ -38,19 +41,25 @@ class PointToPointController:
     - ``atan2`` replaces the paper's arctan, and the bearing error is wrapped to ±π.
     - The paper's transform gives a lateral velocity, which a differential drive cannot follow. Only
       vx = v·cos(bearing error) is used. It slows the robot down while the robot points elsewhere.
-    - If the bearing error is larger than 45°, the robot turns in place.
+    - If the bearing error is large, the robot turns in place.
     """
 
-    __slots__ = ("_bearing", "_distance")
+    __slots__ = ("_bearing", "_distance", "_turn_in_place_rad")
 
     def __init__(
         self,
         max_speed_m_s: float,
         max_rate_rad_s: float,
+        turn_in_place_rad: float,
         distance_gains: PidGains = DISTANCE_GAINS,
         bearing_gains: PidGains = BEARING_GAINS,
     ) -> None:
-        """Create a controller. The output limits are in m/s and rad/s."""
+        """Create a controller.
+
+        The output limits are in m/s and rad/s. If the bearing error is larger than
+        ``turn_in_place_rad``, the robot turns in place.
+        """
+        self._turn_in_place_rad = turn_in_place_rad
         self._distance = Pid(distance_gains, max_speed_m_s)
         self._bearing = Pid(bearing_gains, max_rate_rad_s)
 
@@ -66,5 +75,5 @@ class PointToPointController:
         error = wrap_angle(math.atan2(dy, dx) - pose.theta_rad) if distance > 0.0 else 0.0
         speed = self._distance.update(distance, dt_s)
         rate = self._bearing.update(error, dt_s)
-        vx = 0.0 if abs(error) > TURN_IN_PLACE_RAD else speed * math.cos(error)
+        vx = 0.0 if abs(error) > self._turn_in_place_rad else speed * math.cos(error)
         return PointCommand(vx, speed * math.sin(error), rate, distance, error)

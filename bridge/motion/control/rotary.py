@@ -8,6 +8,8 @@ from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.geometry import wrap_angle
 
 ROTARY_GAINS = PidGains(kp=5.0, td_s=0.03)
+"""Gains from the heading error (rad) to the yaw rate (rad/s): the fastest with less than 2 %
+overshoot of a turn by 90° (``test_step_response``)."""
 
 
 class RotaryController:

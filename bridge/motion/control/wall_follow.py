@@ -80,11 +80,81 @@ class FollowTuning:
     jump_m: float = 0.02
     """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
+    """Maximum difference between reading and prediction on the same surface, in standard
+    deviations of this difference. It is at least ``jump_m``."""
     round_rad: float = math.radians(200.0)
     """Turn round a corner after which the wall counts as lost if none was found, rad."""
     nudge_s: float = 0.5
     """Maximum time for which the followed wall may press a bumper switch, s. After this time the
     switch means an obstacle ahead."""
+    brake_share: float = 0.75
+    """Share of the acceleration limit in braking distances, as in ``MotionTuning``."""
+    lag_s: float = 0.10
+    """Time from a command to the wheels' response, s, as in ``MotionTuning``."""
+    creep_m_s: float = 0.025
+    """Minimum approach speed, m/s, as in ``MotionTuning``."""
+    yaw_rate_share: float = 0.75
+    """Maximum share of the yaw rate limit. The rest is for control."""
+    error_factor: float = 2.0
+    """Factor of the heading error e in the speed: the robot drives at cos(factor · e) of the set
+    speed."""
+    min_pace: float = 0.2
+    """Minimum speed at a large heading error, relative to the set speed."""
+    sure_rad: float = 0.1
+    """Standard deviation of a wall's direction above which the steering gain is reduced in
+    proportion, rad."""
+    touch_path_m: float = 0.01
+    """Length of the path before a contact that is driven at contact speed, independent of the
+    range, m."""
+    blind_margin_m: float = 0.002
+    """Additional gap beyond the infrared's minimum range, m. Below that range the reading is
+    constant, so the robot would press against the wall."""
+    nudge_m_s: float = 0.05
+    """Maximum speed while the wall presses a bumper switch, m/s. The robot slips sideways, and the
+    wheel encoders do not measure this slip."""
+    nudge_share: float = 0.25
+    """Angle of the heading away from a wall that presses a bumper switch, relative to
+    ``approach_rad``."""
+    pressed_rad: float = math.radians(5.0)
+    """Minimum angle of the heading towards the wall if a bumper switch is pressed, rad. The bumper
+    does not cover the side of the robot."""
+
+    # -- corners ---------------------------------------------------------------------------------
+    corner_m_s: float = 0.09
+    """Speed around a corner, m/s. A contact there is about 72° off the heading, so its speed along
+    the normal is 0.028 m/s and harmless."""
+    thin_m: float = 0.08
+    """Maximum followed length of an object that may be a thin leg, m. A leg has no wall
+    direction."""
+    circle_rad: float = 0.3
+    """Maximum correction of the heading for an error of the distance to a corner, rad."""
+    find_radii: float = 2.0
+    """Maximum lateral distance of a wall beyond a corner, in radii of the footprint."""
+    corner_sigma_m: float = 0.01
+    """Standard deviation of a corner's position, m: the path between two readings at low speed."""
+    max_corner_sigma_rad: float = 0.5
+    """Maximum standard deviation of the direction of a wall found round a corner, rad."""
+    yaw_margin_rad: float = math.radians(10.0)
+    """Margin between the direction of a wall found round a corner and the limit of the track,
+    rad."""
+
+    # -- obstacles ahead -------------------------------------------------------------------------
+    held_s: float = 0.12
+    """Age from which an equal ultrasonic value counts as a new reading, s. The sensor repeats a
+    reading for a shorter time."""
+    silent_s: float = 0.3
+    """Time without an echo after which the path ahead counts as free, s."""
+    leap_m: float = 0.1
+    """Minimum decrease between two readings that means another object, m. No robot drives this far
+    between two readings."""
+
+    # -- without side infrared -------------------------------------------------------------------
+    feel_m_s: float = 0.10
+    """Speed along a wall that is followed by contact only, m/s. After 12 cm of the curve the robot
+    contacts the wall with 0.026 m/s along the normal."""
+    feel_radii: float = 2.8
+    """Radius at the beginning of the curve towards a wall that is followed by contact only, in
+    radii of the footprint."""
 
 
 _READING_S = 0.05
@@ -138,10 +208,15 @@ class WallFollower:
         self._gap_m = distance_m if distance_m > 0.0 else -tune.press_m
         blind_m = mount.min_range_m - mount.hull_distance_m(model.radius_m)
         if blind_m > 0.0:
-            self._gap_m = max(self._gap_m, blind_m + _SEEN_M)
-        self._max_rate = 0.75 * model.max_yaw_rate_rad_s
-        self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
-        self._room = ConfirmedRange(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
+            self._gap_m = max(self._gap_m, blind_m + tune.blind_margin_m)
+        self._max_rate = tune.yaw_rate_share * model.max_yaw_rate_rad_s
+        self._brake = Braking(tune.brake_share * model.max_accel_m_s2, tune.lag_s, tune.creep_m_s)
+        self._room = ConfirmedRange(
+            model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m,
+            held_s=tune.held_s,
+            silent_s=tune.silent_s,
+            leap_m=tune.leap_m,
+        )
         self._track = WallTrack(mount)
         self._noise = noise or RangingNoise()
         self._pose: Pose2 | None = None
@@ -203,7 +278,7 @@ class WallFollower:
         """Curve towards a wall that no sensor detects, more and more sharply, until contact."""
         self._felt_m += abs(ahead_m)
         self._turned_rad += into_rad
-        speed = min(self._speed, limit_m_s, _FEEL_M_S)
+        speed = min(self._speed, limit_m_s, self._tune.feel_m_s)
         room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
         bumped = obs.bumper_left or obs.bumper_right or obs.cliff
         if self._room.is_blocked or bumped:
@@ -213,7 +288,7 @@ class WallFollower:
             return FollowStep(HALT, self._state, None, 0.0)
         self._state = FollowState.FOLLOWING
         min_bend_m = self._radius_m + self._tune.corner_gap_m
-        bend_m = max(2.8 * self._radius_m - self._felt_m, min_bend_m)
+        bend_m = max(self._tune.feel_radii * self._radius_m - self._felt_m, min_bend_m)
         speed = min(speed, self._brake.speed(room))
         command = VelocityCommand(speed, self._side * min(speed / bend_m, self._max_rate))
         return FollowStep(command, self._state, None, 0.0)
@@ -253,7 +328,7 @@ class WallFollower:
             self._state = FollowState.FOLLOWING
 
     def _take(self, range_m: float) -> bool:
-        expected, sure = self._track.expected_m(), self._track.yaw_sigma_rad < _SURE_RAD
+        expected, sure = self._track.expected_m(), self._track.yaw_sigma_rad < self._tune.sure_rad
         if not self._track.take(range_m, self._tune.gate_sigmas, self._tune.jump_m):
             return False
         if expected is not None and sure:
@@ -297,7 +372,8 @@ class WallFollower:
 
     def _find(self, range_m: float | None) -> None:
         """Search for the wall beyond the corner."""
-        if self._turned_rad > self._tune.round_rad:
+        tune = self._tune
+        if self._turned_rad > tune.round_rad:
             self._state = FollowState.LOST
             return
         if range_m is None:
@@ -305,20 +381,21 @@ class WallFollower:
         corner_x, corner_y = self._corner
         hit_x, hit_y = self._mount.x_m, abs(self._mount.y_m) + range_m
         way = math.hypot(hit_x - corner_x, hit_y - corner_y)
-        if way < self._tune.jump_m or hit_y - corner_y > 2.0 * self._radius_m:
+        if way < tune.jump_m or hit_y - corner_y > tune.find_radii * self._radius_m:
             return
         yaw = -math.atan2(hit_y - corner_y, hit_x - corner_x)
-        if abs(yaw) > MAX_YAW_RAD - _YAW_MARGIN_RAD:
+        if abs(yaw) > MAX_YAW_RAD - tune.yaw_margin_rad:
             return
-        self._track.begin(range_m, yaw, min(_CORNER_SIGMA_M / way, 0.5))
+        self._track.begin(range_m, yaw, min(tune.corner_sigma_m / way, tune.max_corner_sigma_rad))
         self._state = FollowState.FOLLOWING
 
     # -- driving ---------------------------------------------------------------------------
 
     def _drive(self, obs: Observation, dt_s: float, speed_limit_m_s: float) -> VelocityCommand:
+        tune = self._tune
         speed = min(self._speed, speed_limit_m_s)
-        if self._straight_m < _THIN_M:
-            speed = min(speed, _CORNER_M_S)
+        if self._straight_m < tune.thin_m:
+            speed = min(speed, tune.corner_m_s)
         room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
         if self._room.is_blocked:
             return self._halt()
@@ -336,30 +413,30 @@ class WallFollower:
             self._state = FollowState.FOLLOWING
         gap_m = self._gap_m + (self._noise.stand_off_m if self._gap_m > 0.0 else 0.0)
         off = distance - self._radius_m - gap_m
-        tune = self._tune
         gap = max(distance - self._radius_m, 0.0)
         # A contact must be slow along the normal. So the maximum angle decreases with the gap.
-        across = tune.touch_m_s + max(gap - _TOUCH_WAY_M, 0.0)
+        across = tune.touch_m_s + max(gap - tune.touch_path_m, 0.0)
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
         yaw = self._track.yaw_rad
         if nudge:
-            speed = min(speed, _NUDGE_M_S)
-            yaw = max(yaw, _PRESSED_RAD)
-            aim = -tune.approach_rad / 4.0
+            speed = min(speed, tune.nudge_m_s)
+            yaw = max(yaw, tune.pressed_rad)
+            aim = -tune.nudge_share * tune.approach_rad
         else:
             aim = off / tune.lookahead_m
         aim = max(min(aim, steepest), -tune.approach_rad)
         error = aim - yaw
-        sure = min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
+        sure = min(1.0, tune.sure_rad / max(self._track.yaw_sigma_rad, 1e-6))
         gain = tune.yaw_gain_s * (1.0 if nudge else sure)
-        speed *= max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
+        speed *= max(math.cos(min(tune.error_factor * abs(error), 0.5 * math.pi)), tune.min_pace)
         rate = gain * error + speed * self._track.bend_rad_m
         return VelocityCommand(speed, self._side * max(min(rate, self._max_rate), -self._max_rate))
 
     def _circle(self, speed: float, *, nudge: bool) -> VelocityCommand:
         """Drive on until the corner is beside the axle, then drive round it at the set distance."""
-        radius = self._radius_m + max(self._gap_m, self._tune.corner_gap_m)
-        slow = min(speed, _CORNER_M_S)
+        tune = self._tune
+        radius = self._radius_m + max(self._gap_m, tune.corner_gap_m)
+        slow = min(speed, tune.corner_m_s)
         if nudge:  # the corner is at the rim, ahead of the axle: turn until it is beside the axle
             self._touch_corner()
             self._arcing = True
@@ -371,8 +448,8 @@ class WallFollower:
         # Drive round a point: ω = v/R if the corner is abeam. Distance and bearing are controlled.
         far = math.hypot(x, y) - radius
         bearing = math.atan2(-x, y)
-        turn = slow / radius + self._tune.yaw_gain_s * (
-            bearing + max(min(far / self._tune.lookahead_m, 0.3), -0.3)
+        turn = slow / radius + tune.yaw_gain_s * (
+            bearing + max(min(far / tune.lookahead_m, tune.circle_rad), -tune.circle_rad)
         )
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
 
@@ -405,32 +482,3 @@ class WallFollower:
     def _halt(self) -> VelocityCommand:
         self._state = FollowState.BLOCKED
         return HALT
-
-
-_FEEL_M_S = 0.10
-"""Speed along a wall that is followed by contact only, m/s. After 12 cm of the curve the robot
-contacts the wall with 0.026 m/s along the normal."""
-_SEEN_M = 0.002
-"""Additional gap beyond the infrared's minimum range, m. Below that range the reading is constant,
-so the robot would press against the wall."""
-_TOUCH_WAY_M = 0.01
-"""Length of the path before a contact that is driven at contact speed, independent of the range,
-m."""
-_THIN_M = 0.08
-"""Maximum followed length of an object that may be a thin leg, m. A leg has no wall direction."""
-_NUDGE_M_S = 0.05
-"""Maximum speed while the wall presses a bumper switch, m/s. The robot slips sideways, and the
-wheel encoders do not measure this slip."""
-_PRESSED_RAD = math.radians(5.0)
-"""Minimum angle of the heading towards the wall if a bumper switch is pressed, rad. The bumper does
-not cover the side of the robot."""
-_SURE_RAD = 0.1
-"""Standard deviation of a wall's direction above which the steering gain is reduced in proportion,
-rad."""
-_CORNER_M_S = 0.09
-"""Speed around a corner, m/s. A contact there is about 72° off the heading, so its speed along the
-normal is 0.028 m/s and harmless."""
-_CORNER_SIGMA_M = 0.01
-"""Standard deviation of a corner's position, m: the path between two readings at low speed."""
-_YAW_MARGIN_RAD = math.radians(10.0)
-"""Margin between the direction of a wall found round a corner and the limit of the track, rad."""

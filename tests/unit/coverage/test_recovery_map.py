@@ -21,6 +21,7 @@ from bridge.coverage.recovery.evidence_kernels import (
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.braking import Braking
+from bridge.motion.control.tuning import HIDDEN_TUNING
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
@@ -147,10 +148,10 @@ def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     for k in range(40):
         memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
-    pose, brake = Pose2(0.3, 0.0, 0.0), Braking(0.3, 0.1)
-    assert memory.pace(pose, -1, brake) == pytest.approx(MODEL.max_speed_m_s)
-    assert memory.pace(pose, 0, brake) < 0.2
-    assert memory.pace(Pose2(0.3, 0.0, -0.5 * math.pi), 0, brake) < 0.03
+    pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HIDDEN_TUNING.touch_m_s)
+    assert memory.pace(pose, -1, *limits) == pytest.approx(MODEL.max_speed_m_s)
+    assert memory.pace(pose, 0, *limits) < 0.2
+    assert memory.pace(Pose2(0.3, 0.0, -0.5 * math.pi), 0, *limits) < 0.03
 
 
 def test_the_infrared_maps_a_wall_where_it_stands() -> None:

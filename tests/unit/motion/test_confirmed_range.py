@@ -10,12 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.motion.control.confirmed_range import ConfirmedRange
+from bridge.motion.control.tuning import FOLLOW_TUNING
 
 STOP_M, MIN_M, STEP_S = 0.05, 0.002, 0.02
 
 
+def make() -> ConfirmedRange:
+    tune = FOLLOW_TUNING
+    return ConfirmedRange(STOP_M, held_s=tune.held_s, silent_s=tune.silent_s, leap_m=tune.leap_m)
+
+
 def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
-    room = ConfirmedRange(STOP_M)
+    room = make()
     found = []
     for range_m in ranges_m:
         room.update(range_m, MIN_M, dt_s)
@@ -24,7 +30,7 @@ def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
 
 
 def test_free_distance_is_the_range_beyond_the_stop_range() -> None:
-    room = ConfirmedRange(STOP_M)
+    room = make()
     assert room.update(0.30, MIN_M, STEP_S) == pytest.approx(0.25)
     assert room.update(0.04, MIN_M, STEP_S) == pytest.approx(-0.01)
     assert room.update(None, MIN_M, STEP_S) == math.inf

@@ -10,8 +10,11 @@ from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.point_to_point import PointToPointController
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.estimation.range_filter import RangeAhead
 from bridge.motion.geometry import Pose2
+
+TURN_IN_PLACE_RAD = MotionTuning().turn_in_place_rad
 
 
 def test_pid_is_the_papers_sum() -> None:
@@ -56,7 +59,7 @@ def test_rotary_crosses_the_seam_and_slows_in_time() -> None:
 
 
 def test_point_to_point_slows_by_the_cosine_and_gives_the_lateral_part() -> None:
-    point = PointToPointController(0.3, 1.5)
+    point = PointToPointController(0.3, 1.5, TURN_IN_PLACE_RAD)
     bearing = math.radians(30)
     command = point.update(math.cos(bearing), math.sin(bearing), Pose2(0, 0, 0), 0.02)
     assert command.vx_m_s == pytest.approx(0.3 * math.cos(bearing))
@@ -68,7 +71,7 @@ def test_point_to_point_slows_by_the_cosine_and_gives_the_lateral_part() -> None
 @pytest.mark.parametrize("degrees", [46, 90, 179, -60])
 def test_point_to_point_turns_in_place_beyond_45_degrees(degrees: float) -> None:
     bearing = math.radians(degrees)
-    command = PointToPointController(0.3, 1.5).update(
+    command = PointToPointController(0.3, 1.5, TURN_IN_PLACE_RAD).update(
         math.cos(bearing), math.sin(bearing), Pose2(0, 0, 0), 0.02
     )
     assert command.vx_m_s == 0.0
