@@ -7,14 +7,15 @@ group and its field, such as ``planner.min_rate``.
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, NamedTuple
+import math
+from typing import Any, NamedTuple
 
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.estimation.drift_model import DriftModel
 
-if TYPE_CHECKING:
-    from bridge.motion.control.wall_follow import FollowTuning
+_NESTED = ("follow", "hidden", "rotary", "distance", "bearing")
+"""Groups that are config dataclasses within the group ``motion``."""
 
 
 class Settings(NamedTuple):
@@ -31,7 +32,8 @@ def constants() -> dict[str, float]:
     for group, values in _groups(Settings()).items():
         for field in dataclasses.fields(values):
             value = getattr(values, field.name)
-            if isinstance(value, int | float) and not isinstance(value, bool) and value:
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if number and value and math.isfinite(value):
                 found[f"{group}.{field.name}"] = value
     return found
 
@@ -40,7 +42,7 @@ def _groups(settings: Settings) -> dict[str, Any]:
     return {
         "planner": settings.planner,
         "motion": settings.motion,
-        "follow": settings.motion.follow,
+        **{name: getattr(settings.motion, name) for name in _NESTED},
         "drift": settings.drift,
     }
 
@@ -74,8 +76,8 @@ def settings_of(options: str) -> Settings:
             case "motion":
                 settings = settings._replace(motion=dataclasses.replace(settings.motion, **change))
             case _:
-                follow: FollowTuning = dataclasses.replace(settings.motion.follow, **change)
+                nested = dataclasses.replace(getattr(settings.motion, group), **change)
                 settings = settings._replace(
-                    motion=dataclasses.replace(settings.motion, follow=follow)
+                    motion=dataclasses.replace(settings.motion, **{group: nested})
                 )
     return settings

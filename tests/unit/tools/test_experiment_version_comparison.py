@@ -130,7 +130,7 @@ def test_a_changed_constant_reaches_its_config_alone(name: str) -> None:
     changed, default = settings_of(f"{name}={value:.6g}"), Settings()
     assert changed != default
     group, _, field = name.partition(".")
-    config = changed.motion.follow if group == "follow" else getattr(changed, group)
+    config = getattr(changed, group, None) or getattr(changed.motion, group)
     assert getattr(config, field) == pytest.approx(value, rel=1e-5)
     assert settings_of("") == default
 
