@@ -62,8 +62,8 @@ class LegExecutor:
         self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
-        self._ranging = RangingNoise()
-        self._ahead = RangeAhead()
+        self._ranging = RangingNoise(tune.follow.ranging)
+        self._ahead = RangeAhead(tune.range_ahead)
         self._hidden = HiddenAhead(model, self._brake, tune.hidden)
         self._wary_m_s = math.inf
         self.speed_limit_m_s = math.inf

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.motion.control.hidden_ahead import HiddenAheadTuning
 from bridge.motion.control.point_to_point import BEARING_GAINS, DISTANCE_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.control.wall_follow import FollowTuning
+from bridge.motion.estimation.range_filter import RangeAheadTuning
 
 if TYPE_CHECKING:
     from bridge.motion.control.pid import PidGains
@@ -88,3 +89,5 @@ class MotionTuning:
     """Limits of obstacles that have left the ultrasonic sensor's cone."""
     follow: FollowTuning = FOLLOW_TUNING
     """Gains and limits of wall following."""
+    range_ahead: RangeAheadTuning = field(default_factory=RangeAheadTuning)
+    """Filter of the ultrasonic range ahead."""

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.motion.control.braking import Braking
 from bridge.motion.control.confirmed_range import ConfirmedRange
-from bridge.motion.estimation.noise_monitor import RangingNoise
-from bridge.motion.estimation.wall_track import MAX_YAW_RAD, WallTrack
+from bridge.motion.estimation.noise_monitor import RangingNoise, RangingTuning
+from bridge.motion.estimation.wall_track import MAX_YAW_RAD, TrackTuning, WallTrack
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:
@@ -155,6 +155,10 @@ class FollowTuning:
     feel_radii: float = 2.8
     """Radius at the beginning of the curve towards a wall that is followed by contact only, in
     radii of the footprint."""
+    ranging: RangingTuning = field(default_factory=RangingTuning)
+    """Gap to the wall for a noisy infrared sensor."""
+    track: TrackTuning = field(default_factory=TrackTuning)
+    """Filter that estimates the wall."""
 
 
 _READING_S = 0.05
@@ -219,6 +223,12 @@ class WallFollower:
         )
         self._track = WallTrack(mount)
         self._noise = noise or RangingNoise()
+            self._gap_m = max(self._gap_m, blind_m + _SEEN_M)
+        self._max_rate = 0.75 * model.max_yaw_rate_rad_s
+        self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
+        self._room = ConfirmedRange(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
+        self._track = WallTrack(mount, tune.track)
+        self._noise = noise or RangingNoise(tune.ranging)
         self._pose: Pose2 | None = None
         self._last_range_m: float | None = None
         self._age_s = 0.0

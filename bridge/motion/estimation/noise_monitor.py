@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 NOMINAL_M_S2 = 0.15
 """Vibration per axis at which the gyro values of the drift model are valid, m/s²: 15 mg."""
@@ -32,18 +33,24 @@ slip. Above the upper limit, other measurements show the error."""
 _STRAIGHT_SHARE = 0.2
 """Maximum share of turning in a measurement, at the rim. A measurement with more turning is
 ignored."""
-_QUIET_M = 0.0015
-"""Standard deviation of the infrared innovations up to which no gap to the wall is needed, m. It is
-1.0 mm at ``typical`` and 2.2 mm at ``harsh`` noise."""
-_LEARN = 0.01
-"""Weight of the newest innovation in the variance of the infrared."""
-_STAND_OFF = 2.0
-"""Gap per standard deviation above ``_QUIET_M`` (m/m): 1.4 mm at ``harsh`` noise. A smaller gap
-causes slip, and a larger gap leaves floor unswept."""
 _SHARE = 0.05
 """Weight of the newest measurement in the variance of slip."""
 _MEAN_SHARE = 0.02
 """Weight of the newest measurement in the mean difference of the wheels."""
+
+
+@dataclass(frozen=True, slots=True)
+class RangingTuning:
+    """How the noise of the infrared readings determines the gap to a followed wall."""
+
+    quiet_m: float = 0.0015
+    """Standard deviation of the infrared innovations up to which no gap to the wall is needed, m.
+    It is 1.0 mm at ``typical`` and 2.2 mm at ``harsh`` noise."""
+    learn_share: float = 0.01
+    """Weight of the newest innovation in the variance of the infrared."""
+    stand_off: float = 2.0
+    """Gap per standard deviation above ``quiet_m`` (m/m): 1.4 mm at ``harsh`` noise. A smaller gap
+    causes slip, and a larger gap leaves floor unswept."""
 
 
 def gyro_share(vibration_m_s2: float) -> float:
@@ -113,19 +120,20 @@ class SlipMonitor:
 class RangingNoise:
     """Measures the noise of the infrared readings of a followed wall."""
 
-    __slots__ = ("sigma_m",)
+    __slots__ = ("_tuning", "sigma_m")
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: RangingTuning | None = None) -> None:
         """Begin as with a sensor that is not noisy."""
-        self.sigma_m = _QUIET_M
+        self._tuning = tuning or RangingTuning()
+        self.sigma_m = self._tuning.quiet_m
 
     def learn(self, innovation_m: float) -> None:
         """Use an innovation, m. Its weight is small, because it may be of another surface."""
         variance = self.sigma_m * self.sigma_m
         square = min(innovation_m * innovation_m, 16.0 * variance)
-        self.sigma_m = math.sqrt(variance + _LEARN * (square - variance))
+        self.sigma_m = math.sqrt(variance + self._tuning.learn_share * (square - variance))
 
     @property
     def stand_off_m(self) -> float:
         """Additional gap to a followed wall, m."""
-        return _STAND_OFF * max(self.sigma_m - _QUIET_M, 0.0)
+        return self._tuning.stand_off * max(self.sigma_m - self._tuning.quiet_m, 0.0)

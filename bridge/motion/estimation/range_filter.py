@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-_GAIN = 0.4
-"""Weight of a new reading. At constant speed the estimate has half the σ of a reading."""
-_GATE_M = 0.05
-"""Innovation above which a reading is an outlier or of a new obstacle, m."""
-_DROPOUT_S = 0.3
-"""Time without an echo after which the path ahead counts as free, s: six readings at 20 Hz."""
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RangeAheadTuning:
+    """Gain and limits of the filter."""
+
+    gain: float = 0.4
+    """Weight of a new reading. At constant speed the estimate has half the σ of a reading."""
+    gate_m: float = 0.05
+    """Innovation above which a reading is an outlier or of a new obstacle, m."""
+    dropout_s: float = 0.3
+    """Time without an echo after which the path ahead counts as free, s: six readings at 20 Hz."""
 
 
 class RangeAhead:
@@ -19,10 +26,11 @@ class RangeAhead:
     outlier is ignored; two similar outliers in a row are used.
     """
 
-    __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "range_m")
+    __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "_tuning", "range_m")
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: RangeAheadTuning | None = None) -> None:
         """Begin with no obstacle ahead."""
+        self._tuning = tuning or RangeAheadTuning()
         self.range_m: float | None = None
         """Present estimate, m; None: no obstacle ahead."""
         self._last_raw_m: float | None = None
@@ -48,7 +56,7 @@ class RangeAhead:
             self._pending_m -= travel_m
         if raw_m is None:
             self._silent_s += dt_s
-            if self._silent_s > _DROPOUT_S:
+            if self._silent_s > self._tuning.dropout_s:
                 estimate = None
         else:
             self._silent_s = 0.0
@@ -62,11 +70,11 @@ class RangeAhead:
         if estimate is None:
             self._pending_m = None
             return raw_m
-        error = raw_m - estimate
-        if -_GATE_M < error < _GATE_M:
+        error, gate_m = raw_m - estimate, self._tuning.gate_m
+        if -gate_m < error < gate_m:
             self._pending_m = None
-            return estimate + _GAIN * error
-        if self._pending_m is not None and abs(raw_m - self._pending_m) < _GATE_M:
+            return estimate + self._tuning.gain * error
+        if self._pending_m is not None and abs(raw_m - self._pending_m) < gate_m:
             self._pending_m = None
             return raw_m
         self._pending_m = raw_m

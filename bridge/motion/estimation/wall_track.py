@@ -19,6 +19,7 @@ where κ = b/(1 - b·d) is the wall's curvature, and s the distance of the hit a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -31,26 +32,32 @@ _SIGMA_M = 0.0015
 """Additional standard deviation of a reading at 10 cm, m. It grows with the square of the range,
 because the sensor triangulates."""
 _SIGMA_AT_M = 0.10
-_WAY_SIGMA = 0.02
-"""Standard deviation of d, as a share of the path. It covers wheel errors and walls that are not
-flat."""
-_TURN_RAD_SQRT_M = 0.25
-"""Standard deviation of ψ per √m, rad. It covers the beginning of a curve, and edges."""
-_BEND_SQRT_M = 1.0
-"""Standard deviation of the bend per √m, rad/m. Relative to the noise of ψ it determines the path
-after which a change of the bend is known: a quarter of a metre."""
-_FIRST_BEND = 1.0
-"""Standard deviation of the bend of a new wall, rad/m. Larger values let the robot swing at the
-beginning of a straight wall."""
-_MAX_BEND = 0.65
-"""Maximum absolute value of the bend, as a share of that around a point, 1/d. A thinner column is
-an end of the wall."""
 _MIN_M = 0.01
 """Minimum distance in the limit of the bend, m."""
-_FIRST_RAD = 0.3
-"""Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
 """Maximum angle between beam and normal, rad. A beam at a larger angle measures almost nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackTuning:
+    """Process noise and initial uncertainty of the filter."""
+
+    path_share: float = 0.02
+    """Standard deviation of d, as a share of the path. It covers wheel errors and walls that are
+    not flat."""
+    turn_rad_sqrt_m: float = 0.25
+    """Standard deviation of ψ per √m, rad. It covers the beginning of a curve, and edges."""
+    bend_rad_m_sqrt_m: float = 1.0
+    """Standard deviation of the bend per √m, rad/m. Relative to the noise of ψ it determines the
+    path after which a change of the bend is known: a quarter of a metre."""
+    first_bend_rad_m: float = 1.0
+    """Standard deviation of the bend of a new wall, rad/m. Larger values let the robot swing at the
+    beginning of a straight wall."""
+    max_bend: float = 0.65
+    """Maximum absolute value of the bend, as a share of that around a point, 1/d. A thinner column
+    is an end of the wall."""
+    first_yaw_rad: float = 0.3
+    """Standard deviation of ψ for a new wall, rad."""
 
 
 def infrared_sigma_m(range_m: float) -> float:
@@ -70,13 +77,15 @@ class WallTrack:
         "_pyb",
         "_pyy",
         "_reach_m",
+        "_tuning",
         "bend_rad_m",
         "distance_m",
         "yaw_rad",
     )
 
-    def __init__(self, mount: RangerMount) -> None:
+    def __init__(self, mount: RangerMount, tuning: TrackTuning | None = None) -> None:
         """Create a filter for a range sensor that faces sideways."""
+        self._tuning = tuning or TrackTuning()
         self._reach_m = mount.x_m
         self._arm_m = abs(mount.y_m)
         self.clear()
@@ -97,8 +106,10 @@ class WallTrack:
         """Standard deviation of d, m."""
         return math.sqrt(self._pdd)
 
-    def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
+    def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float | None = None) -> None:
         """Begin with a reading of a wall. The wall's direction is only roughly known."""
+        if sigma_rad is None:
+            sigma_rad = self._tuning.first_yaw_rad
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         self.yaw_rad, self.bend_rad_m = yaw_rad, 0.0
         self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
@@ -107,7 +118,7 @@ class WallTrack:
         self._pdy = slope * self._pyy
         self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
         self._pdb = self._pyb = 0.0
-        self._pbb = _FIRST_BEND**2
+        self._pbb = self._tuning.first_bend_rad_m**2
 
     def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
         """Predict a motion of ``ahead_m``, m, and a turn of ``into_rad`` towards the wall, rad.
@@ -119,6 +130,7 @@ class WallTrack:
         """
         if self.distance_m is None:
             return
+        tuning = self._tuning
         turn = into_rad - self.bend_rad_m * ahead_m
         mid = self.yaw_rad + 0.5 * turn
         distance = self.distance_m
@@ -127,13 +139,14 @@ class WallTrack:
         slope = -ahead_m * math.cos(mid)
         way = abs(ahead_m)
         # P' = F·P·Fᵀ + Q with d' = d + slope·ψ and ψ' = ψ - ahead·b
-        self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (_WAY_SIGMA * way) ** 2
+        self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (tuning.path_share * way) ** 2
         pdb = self._pdb + slope * self._pyb
         self._pdy += slope * self._pyy - ahead_m * pdb
-        self._pyy += ahead_m * (ahead_m * self._pbb - 2.0 * self._pyb) + _TURN_RAD_SQRT_M**2 * way
+        turn_noise = tuning.turn_rad_sqrt_m**2 * way
+        self._pyy += ahead_m * (ahead_m * self._pbb - 2.0 * self._pyb) + turn_noise
         self._pdb = pdb
         self._pyb -= ahead_m * self._pbb
-        self._pbb += _BEND_SQRT_M**2 * way
+        self._pbb += tuning.bend_rad_m_sqrt_m**2 * way
 
     def expected_m(self) -> float | None:
         """Expected reading, m; None: no wall, or the angle of the beam is too large."""
@@ -141,7 +154,8 @@ class WallTrack:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         along = (self._reach_m - self.distance_m * s) / c
-        curvature = self.bend_rad_m / (1.0 - min(self.bend_rad_m * self.distance_m, _MAX_BEND))
+        share = min(self.bend_rad_m * self.distance_m, self._tuning.max_bend)
+        curvature = self.bend_rad_m / (1.0 - share)
         sag = 0.5 * curvature * along * along
         return (self.distance_m + sag - self._reach_m * s) / c - self._arm_m
 
@@ -167,7 +181,7 @@ class WallTrack:
         self.distance_m += to_d * gain * innovation
         self.yaw_rad += to_yaw * gain * innovation
         bend = self.bend_rad_m + to_bend * gain * innovation
-        most = _MAX_BEND / max(self.distance_m, _MIN_M)
+        most = self._tuning.max_bend / max(self.distance_m, _MIN_M)
         self.bend_rad_m = max(min(bend, most), -most)
         self._pdd -= to_d * to_d * gain
         self._pdy -= to_d * to_yaw * gain

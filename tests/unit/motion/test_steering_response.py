@@ -14,7 +14,7 @@ from bridge.motion.control.pid import PidGains
 from bridge.motion.control.point_to_point import BEARING_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.control.tuning import FOLLOW_TUNING
-from bridge.motion.estimation import wall_track
+from bridge.motion.estimation.wall_track import TrackTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
 from bridge.motion.robot_model import RobotModel
@@ -32,6 +32,7 @@ from support.steering_response import (
 from support.step_response import DEAD_S
 
 if TYPE_CHECKING:
+    from bridge.motion.control.wall_follow import FollowTuning
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
@@ -94,21 +95,22 @@ def test_the_approach_is_slow_near_the_wall(step_m: float) -> None:
 
 
 @pytest.mark.parametrize("radius_m", [0.15, 0.2, 0.3, 0.5, 1.0])
-def test_a_column_is_followed_at_the_set_distance(
-    radius_m: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_column_is_followed_at_the_set_distance(radius_m: float) -> None:
     assert abs(column_stand_off_m(MODEL, radius_m)) < 0.001
     # a filter that takes each wall for a straight one keeps away from the column
-    monkeypatch.setattr(wall_track, "_BEND_SQRT_M", 0.0)
-    monkeypatch.setattr(wall_track, "_FIRST_BEND", 0.0)
-    assert column_stand_off_m(MODEL, radius_m) > 0.004
+    straight = TrackTuning(bend_rad_m_sqrt_m=0.0, first_bend_rad_m=0.0)
+    assert column_stand_off_m(MODEL, radius_m, replace(FOLLOW_TUNING, track=straight)) > 0.004
 
 
 @pytest.mark.parametrize(
-    ("change", "overshoot_m"), [({"yaw_gain_s": 2.0}, 0.0035), ({"lookahead_m": 0.06}, 0.0045)]
+    ("tuning", "overshoot_m"),
+    [
+        (replace(FOLLOW_TUNING, yaw_gain_s=2.0), 0.0035),
+        (replace(FOLLOW_TUNING, lookahead_m=0.06), 0.0045),
+    ],
 )
-def test_a_slack_yaw_or_a_short_range_swings(change: dict[str, float], overshoot_m: float) -> None:
-    response = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, **change))
+def test_a_slack_yaw_or_a_short_range_swings(tuning: FollowTuning, overshoot_m: float) -> None:
+    response = wall_step(MODEL, 0.02, tuning)
     assert response.overshoot * 0.02 > overshoot_m
 
 
