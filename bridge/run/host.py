@@ -118,7 +118,7 @@ class Host:
     ) -> None:
         """Create a host with a closed session; :meth:`open` starts it."""
         self.model = model
-        self.localisation = Localisation(model, options.start, options.drift)
+        self.localisation = Localisation(model, options.start, options.estimation)
         self.mission = mission
         self.session = Session(
             new_session_id, node=options.node, link=options.link, key=options.key

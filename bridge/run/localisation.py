@@ -13,7 +13,7 @@ from bridge.run.robot_state import RobotState
 from protocol.messages.values import Contact
 
 if TYPE_CHECKING:
-    from bridge.motion.estimation.drift_model import DriftModel
+    from bridge.motion.estimation.tuning import EstimationTuning
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
@@ -24,21 +24,24 @@ if TYPE_CHECKING:
 class Localisation:
     """Holds the robot's newest samples and its pose estimate."""
 
-    def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
-        self._model, self._drift = model, drift
+    def __init__(
+        self, model: RobotModel, start: Pose2, tuning: EstimationTuning | None = None
+    ) -> None:
+        self._model = model
         self.state = RobotState()
-        self.estimator = PoseEstimator(model, start, drift)
+        self.estimator = PoseEstimator(model, start, tuning)
         self.encoders_us = 0
         """Device time of the newest encoder sample, µs. It is the time of the estimated
         position."""
         self._walls = Relocaliser(model, self.estimator)
-        self._displacement = DisplacementCheck(model)
+        self._displacement = DisplacementCheck(model, self.estimator.tuning.displacement)
 
     def begin_again(self) -> None:
         """Restart the estimator at the current pose after a reset of clock and counts."""
-        self.estimator = PoseEstimator(self._model, self.estimator.pose, self._drift)
+        tuning = self.estimator.tuning
+        self.estimator = PoseEstimator(self._model, self.estimator.pose, tuning)
         self._walls = Relocaliser(self._model, self.estimator)
-        self._displacement = DisplacementCheck(self._model)
+        self._displacement = DisplacementCheck(self._model, tuning.displacement)
 
     def keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
         """Store a message that only the state needs."""

@@ -10,7 +10,7 @@ from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.motion.estimation.drift_model import DriftModel
+    from bridge.motion.estimation.tuning import EstimationTuning
     from protocol.link import LinkBase
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -32,7 +32,7 @@ class HostOptions:
     """Key that signs motion commands if the device requires signed commands."""
     min_delay_ns: tuple[int, int] = (0, 0)
     """Declared minimum delays to and from the device, ns (:class:`TimeSync`)."""
-    drift: DriftModel | None = None
-    """Noise model of the filter; None: the default."""
+    estimation: EstimationTuning | None = None
+    """Tuned constants of the estimation; None: the defaults."""
     plan: FloorPlan | None = None
     """Room that the measured walls are compared with; None: unknown."""

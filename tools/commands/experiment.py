@@ -284,7 +284,7 @@ def _constants(names: list[str] | None) -> list[str]:
 
     known = list(constants())
     found: list[str] = []
-    for name in names or ["planner", "motion", "follow", "drift"]:
+    for name in names or known:
         mine = [each for each in known if each == name or each.startswith(f"{name}.")]
         if not mine:
             raise click.BadParameter(unknown_key("", name, known), param_hint="--constants")

@@ -138,7 +138,7 @@ def observe(  # noqa: PLR0913 - one parameter for each property of a run
         ended=ended,
         runner=None if planner is None else PlanRunner(planner, model, settings.motion),
         prepare=ready,
-        drift=settings.drift,
+        estimation=settings.estimation,
     )
     mission = run.host.mission
     first = mission.drive_started_s

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.motion.estimation.drift_model import DriftModel
+    from bridge.motion.estimation.tuning import EstimationTuning
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
@@ -94,7 +94,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
     link: type[LinkBase] = Link,
     crash_ends: bool = False,
     device: Sweeper[Any] | None = None,
-    drift: DriftModel | None = None,
+    estimation: EstimationTuning | None = None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
@@ -120,7 +120,7 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
             live run; otherwise the exception is raised.
         device: the virtual sweeper, made with the same room, robot, seed, noise and link; None: a
             sweeper with the firmware's model in Python.
-        drift: noise model of the filter; None: the default.
+        estimation: tuned constants of the estimation; None: the defaults.
 
     Raises:
         FaultSpecError: the device does not support a fault.
@@ -138,7 +138,13 @@ def run_virtual(  # noqa: PLR0913 - one parameter for each property of a run
         model,
         sink,
         HostOptions(
-            EPOCH_NS - HOST_BOOT_NS, planner or "", plan.start, None, link, drift=drift, plan=plan
+            EPOCH_NS - HOST_BOOT_NS,
+            planner or "",
+            plan.start,
+            None,
+            link,
+            estimation=estimation,
+            plan=plan,
         ),
         lambda: next(ids),
         runner=runner,

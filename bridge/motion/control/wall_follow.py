@@ -221,12 +221,6 @@ class WallFollower:
             silent_s=tune.silent_s,
             leap_m=tune.leap_m,
         )
-        self._track = WallTrack(mount)
-        self._noise = noise or RangingNoise()
-            self._gap_m = max(self._gap_m, blind_m + _SEEN_M)
-        self._max_rate = 0.75 * model.max_yaw_rate_rad_s
-        self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
-        self._room = ConfirmedRange(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
         self._track = WallTrack(mount, tune.track)
         self._noise = noise or RangingNoise(tune.ranging)
         self._pose: Pose2 | None = None

@@ -15,34 +15,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bridge.motion.estimation.estimator import PoseEstimator
 
-BUMP_SIGMA_M = 0.01
-BUMP_SIGMA_RAD = math.radians(0.5)
-"""Standard deviation (m, rad) of the motion in a contact that the wheels do not measure. It is used
-without an accelerometer."""
-FELT_SIGMA_M = 0.0012
-FELT_SIGMA_RAD = math.radians(0.05)
-"""Standard deviation (m, rad) of this motion if there is an accelerometer. It measures hard
-contacts, so the error comes from soft contacts only."""
-SLIDE_ASIDE = 0.18
-"""Sideways motion while one switch is pressed, as a share of the wheels' path. It was measured in
-700 contacts and is equal at ``typical`` and ``harsh`` noise."""
-SLIDE_AHEAD = 0.05
-"""Share of the wheels' path that the robot does not drive forward in these contacts."""
-SLIDE_SHARE = 0.1
-"""Standard deviation of the remaining error while one switch is pressed, as a share of the path."""
-PRESS_SHARE = 0.3
-"""Standard deviation of the remaining error with both switches pressed, or without an
-accelerometer, as a share of the path."""
-GRAZE_M_SQRT_M = 0.0007
-"""Standard deviation per √m while the robot grazes a wall at nominal slip, m. The wall pushes the
-robot sideways, and friction slows it down."""
-_READING_M = 0.02
-"""Maximum path between two readings that counts, m."""
-_STUCK_M = 0.3
-"""Maximum path of a contact, m. A switch that stays pressed for longer is stuck."""
-_FREE_READINGS = 4
-"""Number of readings without contact that end a contact: 0.15 s."""
-
 
 class ContactUncertainty:
     """Corrects the pose and inflates the covariance during contacts."""
@@ -50,6 +22,7 @@ class ContactUncertainty:
     def __init__(self, estimator: PoseEstimator) -> None:
         """Create a correction for ``estimator``."""
         self._estimator = estimator
+        self._tuning = estimator.tuning.contact
         self._pressed = (False, False)
         self._pressed_m = 0.0
         self._free = 0
@@ -73,7 +46,7 @@ class ContactUncertainty:
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
         if grazing and path_m > 0.0:
-            sigma_m = GRAZE_M_SQRT_M * estimator.ekf.slip_monitor.slippery
+            sigma_m = self._tuning.graze_m_sqrt_m * estimator.ekf.slip_monitor.slippery
             estimator.ekf.inflate(sigma_m * math.sqrt(path_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
@@ -90,7 +63,7 @@ class ContactUncertainty:
         self._met = estimator.bridging and (self._met or pressed)
         if pressed:
             estimator.hold()
-        if self._met and self._free >= _FREE_READINGS:
+        if self._met and self._free >= self._tuning.free_readings:
             estimator.release()
             self._met = False
 
@@ -103,26 +76,27 @@ class ContactUncertainty:
         here, last = self._estimator.odometry, self._last
         c, s = math.cos(here.theta_rad), math.sin(here.theta_rad)
         path_m = (here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s
-        return min(max(path_m, 0.0), _READING_M)
+        return min(max(path_m, 0.0), self._tuning.reading_m)
 
     def _inflate_at_onset(self) -> None:
+        tuning = self._tuning
         if self._estimator.feels:
-            self._estimator.ekf.inflate(FELT_SIGMA_M, FELT_SIGMA_RAD)
+            self._estimator.ekf.inflate(tuning.felt_sigma_m, tuning.felt_sigma_rad)
         else:
-            self._estimator.ekf.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
+            self._estimator.ekf.inflate(tuning.bump_sigma_m, tuning.bump_sigma_rad)
 
     def _slide(self, path_m: float, pressed: tuple[bool, bool]) -> None:
         """Correct the estimate after a path with a pressed switch; ``path_m`` is not negative."""
         if path_m == 0.0:
             return
         left, right = pressed
-        estimator, before_m = self._estimator, self._pressed_m
+        estimator, tuning, before_m = self._estimator, self._tuning, self._pressed_m
         self._pressed_m += path_m
-        one_half = left != right and self._pressed_m < _STUCK_M
+        one_half = left != right and self._pressed_m < tuning.stuck_m
         if one_half:
-            aside_m = SLIDE_ASIDE * path_m * (-1.0 if left else 1.0)
-            estimator.ekf.shift(-SLIDE_AHEAD * path_m, aside_m)
-        share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
+            aside_m = tuning.slide_aside * path_m * (-1.0 if left else 1.0)
+            estimator.ekf.shift(-tuning.slide_ahead * path_m, aside_m)
+        share = tuning.slide_share if one_half and estimator.feels else tuning.press_share
         # The error is constant during the contact. So its standard deviation grows with the path,
         # not with the square root of the path.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)

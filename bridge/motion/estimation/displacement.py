@@ -63,6 +63,9 @@ class DisplacementTuning:
     """Minimum extent of the evidence, m: more than most furniture."""
     min_wall_m: float = 0.5
     """Minimum measured length of a wall that the robot cannot drive through, m."""
+    end_m: float = 0.1
+    """Length at each end of a measured wall that does not count, m. The estimated wall may be too
+    long."""
     known_m: float = 1.0
     """Path after which a new wall of the map counts as a known wall, m."""
     steady_rad_s: float = 0.3
@@ -75,9 +78,6 @@ _CELL_M = 0.10
 """Length of a cell's edge in the map of the evidence, m."""
 _STEP_M = 0.025
 """Path between two entries in the map of the driven floor, m."""
-_END_M = 0.1
-"""Length at each end of a measured wall that does not count, m. The estimated wall may be too
-long."""
 _FAR_M = 10.0
 """Path that is too long for the time between two readings, m. A longer path means that the estimate
 was reset."""
@@ -222,7 +222,8 @@ class DisplacementCheck:
             distance_m = abs(offset_m - dx * c - dy * s)
             if distance_m > self._core_m:
                 continue
-            if wall.low_m + _END_M < dy * c - dx * s < wall.high_m - _END_M and self._exceeds(
+            end_m = self._tuning.end_m
+            if wall.low_m + end_m < dy * c - dx * s < wall.high_m - end_m and self._exceeds(
                 distance_m, sigma_along_m(normal_rad)
             ):
                 deep = distance_m < self._deep_m

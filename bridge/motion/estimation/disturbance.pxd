@@ -3,6 +3,7 @@ cdef class BumpDetector:
     cdef int _rests, _ringing
     cdef double _variance, _lasting
     cdef list _held
+    cdef object _tuning
 
     cpdef object rest(self, double accel_x, double accel_y)
     cpdef object leave_rest(self)
@@ -13,6 +14,7 @@ cdef class BumpDetector:
 cdef class SlipDetector:
     cdef double _lasting_s
     cdef int _side
+    cdef object _tuning
 
     cpdef object update(self, double left_m, double right_m, double turn_m, double dt_s)
 
@@ -22,6 +24,7 @@ cdef class InertialBridge:
     cdef public bint cut, stalled
     cdef double _agreed_s, _away_s, _away_m, _wheels_m_s, _gain_m_s, _withheld_m
     cdef double _into
+    cdef object _tuning
 
     cpdef object push(self, double ahead, double aside, double yaw_rate, double dt_s)
     cpdef bint over(self, double v_m_s, double dt_s)

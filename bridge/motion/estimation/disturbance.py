@@ -17,55 +17,88 @@ from __future__ import annotations
 
 import enum
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
-BUMP_M_S2 = 1.8
-"""Minimum jerk of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
-BUMP_SIGMAS = 6.0
-"""Minimum jerk of a bump, in standard deviations of the vibration. The vibration is measured during
-motion."""
-_VIBRATION_M_S2 = 0.15
-"""Initial vibration, m/s²."""
-_VIBRATION_SHARE = 0.01
-"""Weight of the newest sample in the vibration for the threshold."""
-_LASTING_SHARE = 0.001
-"""Weight of the newest sample in the long-term vibration. It is small, so that a short graze has
-little effect."""
-_RINGS = 15
-"""Number of samples after a jerk that are ignored in the vibration."""
-_REST_SHARE = 0.01
-"""Weight of the newest sample in the accelerometer's offset at standstill: 100 samples."""
-_HELD = 5
-"""Number of newest samples at standstill that are not used yet. The start of a motion may affect
-them."""
-AGREE_M_S = 0.025
-"""Speed difference below which encoders and accelerometer agree after a bump, m/s."""
-AGREE_S = 0.05
-"""Time for which encoders and accelerometer must agree, s."""
-AWAY_M_S = 0.01
-"""Minimum speed of wheels that turn away from the obstacle, m/s. The obstacle does not stop the
-robot then, but the accelerometer cannot distinguish such a slow start from a standstill."""
-STANDS_M_S = 0.012
-"""Inertial speed below which the robot counts as standing after a bump, m/s. It allows for the
-integrated error of the offset."""
-STALL_S = 0.5
-"""Minimum time of standstill with turning wheels in a stall, s."""
-GAIN_M_S = 0.05
-"""Minimum speed gain of the wheels during a stall for a check, m/s. The accelerometer measures the
-same gain if the robot follows its wheels, and no gain if the robot stands."""
-_MIN_SHARE, _MAX_SHARE = 0.5, 2.0
-"""Limits of the ratio of the measured gain to the wheels' gain for a robot that follows its
-wheels."""
-LONGEST_S = 2.0
-"""Maximum time of the inertial motion, s. After it, the velocity error due to the offset is too
-large."""
-SLIP_M_S = 0.02
-"""Minimum difference between gyro and encoders that is slip, m/s at the rim. It is ten times the
-difference on a hard floor at cruise speed."""
-SLIP_S = 0.06
-"""Minimum duration of this difference, s."""
 FULL_SCALE_M_S2 = 19.0
 """Acceleration just below the limit of the ±2 g range, m/s². A larger sample is clipped."""
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbanceTuning:
+    """Limits of bumps and slips."""
+
+    bump_m_s2: float = 1.8
+    """Minimum jerk of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
+    bump_sigmas: float = 6.0
+    """Minimum jerk of a bump, in standard deviations of the vibration. The vibration is measured
+    during motion."""
+    vibration_m_s2: float = 0.15
+    """Initial vibration, m/s²."""
+    vibration_share: float = 0.01
+    """Weight of the newest sample in the vibration for the threshold."""
+    lasting_share: float = 0.001
+    """Weight of the newest sample in the long-term vibration. It is small, so that a short graze
+    has little effect."""
+    ringing_samples: int = 15
+    """Number of samples after a jerk that are ignored in the vibration."""
+    rest_share: float = 0.01
+    """Weight of the newest sample in the accelerometer's offset at standstill: 100 samples."""
+    held_samples: int = 5
+    """Number of newest samples at standstill that are not used yet. The start of a motion may
+    affect them."""
+    slip_m_s: float = 0.02
+    """Minimum difference between gyro and encoders that is slip, m/s at the rim. It is ten times
+    the difference on a hard floor at cruise speed."""
+    slip_s: float = 0.06
+    """Minimum duration of this difference, s."""
+    slip_sigma_share: float = 0.5
+    """Standard deviation of the correction for a slipping wheel, as a share of the correction."""
+    onset_s: float = 1.0
+    """Time within which repeated disturbances of one kind count as one disturbance, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeTuning:
+    """Limits of the inertial motion after a bump, and its uncertainty."""
+
+    agree_m_s: float = 0.025
+    """Speed difference below which encoders and accelerometer agree after a bump, m/s."""
+    agree_s: float = 0.05
+    """Time for which encoders and accelerometer must agree, s."""
+    away_m_s: float = 0.01
+    """Minimum speed of wheels that turn away from the obstacle, m/s. The obstacle does not stop the
+    robot then, but the accelerometer cannot distinguish such a slow start from a standstill."""
+    stands_m_s: float = 0.012
+    """Inertial speed below which the robot counts as standing after a bump, m/s. It allows for the
+    integrated error of the offset."""
+    stall_s: float = 0.5
+    """Minimum time of standstill with turning wheels in a stall, s."""
+    gain_m_s: float = 0.05
+    """Minimum speed gain of the wheels during a stall for a check, m/s. The accelerometer measures
+    the same gain if the robot follows its wheels, and no gain if the robot stands."""
+    min_gain_share: float = 0.5
+    """Minimum ratio of the measured gain to the wheels' gain for a robot that follows its
+    wheels."""
+    max_gain_share: float = 2.0
+    """Maximum ratio of the measured gain to the wheels' gain for a robot that follows its
+    wheels."""
+    longest_s: float = 2.0
+    """Maximum time of the inertial motion, s. After it, the velocity error due to the offset is too
+    large."""
+    sigma_m: float = 0.0015
+    """Standard deviation of the position after a bump with valid acceleration samples, m."""
+    cut_sigma_m: float = 0.006
+    """Standard deviation of the position after a bump with clipped acceleration samples, m."""
+    sigma_rad: float = math.radians(0.05)
+    """Standard deviation of the heading that a bump adds, rad."""
+    sigma_m_s: float = 0.012
+    """Initial standard deviation of the inertial velocity, m/s."""
+    sigma_m_s2: float = 0.02
+    """Increase of the inertial velocity's standard deviation per time, m/s²."""
+    release_share: float = 0.3
+    """Standard deviation of the path that is added again after a release, as a share of that path.
+    The time of the release has an uncertainty of one bumper reading."""
 
 
 class DisturbanceKind(enum.StrEnum):
@@ -99,16 +132,18 @@ class BumpDetector:
         "_offset_y",
         "_rests",
         "_ringing",
+        "_tuning",
         "_variance",
     )
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: DisturbanceTuning | None = None) -> None:
         """Begin without an offset."""
+        self._tuning = tuning or DisturbanceTuning()
         self._offset_x = self._offset_y = 0.0
         self._last_x = self._last_y = 0.0
         self._rests = self._ringing = 0
         self._held: list[tuple[float, float]] = []
-        self._variance = self._lasting = _VIBRATION_M_S2**2
+        self._variance = self._lasting = self._tuning.vibration_m_s2**2
 
     @property
     def ready(self) -> bool:
@@ -118,7 +153,8 @@ class BumpDetector:
     @property
     def threshold_m_s2(self) -> float:
         """Present minimum jerk of a bump, m/s²."""
-        return max(BUMP_M_S2, BUMP_SIGMAS * math.sqrt(self._variance))
+        tuning = self._tuning
+        return max(tuning.bump_m_s2, tuning.bump_sigmas * math.sqrt(self._variance))
 
     @property
     def vibration_m_s2(self) -> float:
@@ -128,11 +164,11 @@ class BumpDetector:
     def rest(self, accel_x: float, accel_y: float) -> None:
         """Process a sample at standstill, m/s²."""
         self._held.append((accel_x, accel_y))
-        if len(self._held) <= _HELD:
+        if len(self._held) <= self._tuning.held_samples:
             return
         ripe_x, ripe_y = self._held.pop(0)
         self._rests += 1
-        share = max(1.0 / self._rests, _REST_SHARE)
+        share = max(1.0 / self._rests, self._tuning.rest_share)
         self._offset_x += share * (ripe_x - self._offset_x)
         self._offset_y += share * (ripe_y - self._offset_y)
 
@@ -153,25 +189,26 @@ class BumpDetector:
         by_x, by_y = ahead - self._last_x, aside - self._last_y
         self._last_x, self._last_y = ahead, aside
         if math.hypot(ahead, aside) > self.threshold_m_s2:
-            self._ringing = _RINGS
+            self._ringing = self._tuning.ringing_samples
             return True
         if self._ringing:
             # the end of the jerk and the ringing after it are not vibration of the drive
             self._ringing -= 1
             return False
         power = 0.25 * (by_x * by_x + by_y * by_y)
-        self._variance += _VIBRATION_SHARE * (power - self._variance)
-        self._lasting += _LASTING_SHARE * (power - self._lasting)
+        self._variance += self._tuning.vibration_share * (power - self._variance)
+        self._lasting += self._tuning.lasting_share * (power - self._lasting)
         return False
 
 
 class SlipDetector:
     """Detects the slip of one wheel by encoders and gyro."""
 
-    __slots__ = ("_lasting_s", "_side")
+    __slots__ = ("_lasting_s", "_side", "_tuning")
 
-    def __init__(self) -> None:
+    def __init__(self, tuning: DisturbanceTuning | None = None) -> None:
         """Begin without slip."""
+        self._tuning = tuning or DisturbanceTuning()
         self._lasting_s = 0.0
         self._side = 0
 
@@ -188,7 +225,7 @@ class SlipDetector:
         if dt_s <= 0.0:
             return 0
         excess = right_m - left_m - turn_m
-        if abs(excess) < SLIP_M_S * dt_s:
+        if abs(excess) < self._tuning.slip_m_s * dt_s:
             self._lasting_s = 0.0
             self._side = 0
             return 0
@@ -203,7 +240,7 @@ class SlipDetector:
             self._lasting_s = 0.0
             self._side = side
         self._lasting_s += dt_s
-        return side if self._lasting_s >= SLIP_S else 0
+        return side if self._lasting_s >= self._tuning.slip_s else 0
 
 
 class InertialBridge:
@@ -215,6 +252,7 @@ class InertialBridge:
         "_away_s",
         "_gain_m_s",
         "_into",
+        "_tuning",
         "_wheels_m_s",
         "_withheld_m",
         "age_s",
@@ -226,8 +264,9 @@ class InertialBridge:
         "vy_m_s",
     )
 
-    def __init__(self, v_m_s: float) -> None:
+    def __init__(self, v_m_s: float, tuning: BridgeTuning | None = None) -> None:
         """Begin with the forward speed before the bump, m/s."""
+        self._tuning = tuning or BridgeTuning()
         self.vx_m_s, self.vy_m_s = v_m_s, 0.0
         self.age_s = 0.0
         self.cut = False
@@ -238,7 +277,8 @@ class InertialBridge:
         self.unmade_m = 0.0
         """Wheel path since the last contact that the accelerometer does not confirm, m."""
         self._agreed_s = self._away_s = self._away_m = 0.0
-        self._into = math.copysign(1.0, v_m_s) if abs(v_m_s) > AWAY_M_S else 0.0
+        moves = abs(v_m_s) > self._tuning.away_m_s
+        self._into = math.copysign(1.0, v_m_s) if moves else 0.0
         self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
         """Values of a stall: wheel speed at its beginning, inertial speed gain since, wheel path
         since."""
@@ -257,31 +297,36 @@ class InertialBridge:
             self.vx_m_s *= 0.5
         if self.stalled:
             self._gain_m_s += ahead * dt_s
-        if self.stalled or math.hypot(self.vx_m_s, self.vy_m_s) < STANDS_M_S:
+        if self.stalled or math.hypot(self.vx_m_s, self.vy_m_s) < self._tuning.stands_m_s:
             self.vx_m_s = self.vy_m_s = 0.0
         self.unmade_m -= self.vx_m_s * dt_s
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
     def over(self, v_m_s: float, dt_s: float) -> bool:
         """Use the wheels' speed, m/s. Return True if it agrees with the inertial speed again."""
+        tuning = self._tuning
         self.unmade_m += v_m_s * dt_s
         if self.stalled:
             self._withheld_m += v_m_s * dt_s
             gain = v_m_s - self._wheels_m_s
-            if abs(gain) > GAIN_M_S and _MIN_SHARE < self._gain_m_s / gain < _MAX_SHARE:
+            if (
+                abs(gain) > tuning.gain_m_s
+                and tuning.min_gain_share < self._gain_m_s / gain < tuning.max_gain_share
+            ):
                 self.given_back_m = self._withheld_m
                 return True
-        away = v_m_s * self._into < -AWAY_M_S
+        away = v_m_s * self._into < -tuning.away_m_s
         self._away_s = self._away_s + dt_s if away else 0.0
         self._away_m = self._away_m + v_m_s * dt_s if away else 0.0
-        if self._away_s >= AGREE_S and math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * AGREE_M_S:
+        stands = math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * tuning.agree_m_s
+        if self._away_s >= tuning.agree_s and stands:
             self.given_back_m = self._away_m
             return True
-        agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < AGREE_M_S
+        agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < tuning.agree_m_s
         self._agreed_s = self._agreed_s + dt_s if agrees else 0.0
-        if not agrees and not self.stalled and self.age_s > STALL_S:
-            self.stalled = math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * AGREE_M_S
+        if not agrees and not self.stalled and self.age_s > tuning.stall_s:
+            self.stalled = stands
             if not self.stalled:
                 return True
             self._wheels_m_s = v_m_s
-        return self._agreed_s >= AGREE_S or self.age_s > LONGEST_S
+        return self._agreed_s >= tuning.agree_s or self.age_s > tuning.longest_s

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bridge.motion.estimation.noise_monitor import NoiseTuning
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +34,7 @@ class DriftModel:
     motion_bias_rad_s: float = math.radians(0.0095)
     """Shift of the bias by vibration, rad/s (our choice). A standstill cannot measure it."""
     motion_bias_walk_rad_s_sqrt_s: float = 2e-6
+    """Random walk of this shift, rad/s/√s."""
     gyro_scale: float = 0.0006
     """Relative scale error after calibration. The data sheet's limit of ±3 % is for an
     uncalibrated gyro."""
@@ -53,18 +58,15 @@ class NoiseScale:
     little (covariance matching). If the model is right, the mean of these innovations is 1.
     """
 
-    __slots__ = ("_most", "value")
+    __slots__ = ("_tuning", "value")
 
-    _RATE = 0.15
-    _CAP = 4.0
-    """Maximum excess of an innovation over 1 that counts. The innovation may be of another wall."""
-
-    def __init__(self, most: float) -> None:
-        """Begin at 1. ``most`` is the upper limit."""
-        self._most = most
+    def __init__(self, tuning: NoiseTuning) -> None:
+        """Begin at 1."""
+        self._tuning = tuning
         self.value = 1.0
 
     def learn(self, innovation: float) -> None:
         """Use a normalised squared innovation."""
-        step = self._RATE * min(innovation - 1.0, self._CAP)
-        self.value = min(max(self.value * math.exp(step), 1.0), self._most)
+        tuning = self._tuning
+        step = tuning.scale_rate * min(innovation - 1.0, tuning.scale_cap)
+        self.value = min(max(self.value * math.exp(step), 1.0), tuning.max_scale)

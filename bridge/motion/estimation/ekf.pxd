@@ -5,7 +5,7 @@ cdef class Ekf:
     cdef public object slip_monitor
     cdef public double gyro_bias_rad_s, motion_bias_rad_s, gyro_scale, wheel_scale_error
     cdef double _bias_slope, _shaken, _worst_shaken, _worst_slip
-    cdef object _odometry, _due, _transition, _noise
+    cdef object _tuning, _odometry, _due, _transition, _noise
 
     cpdef object update(
         self,

@@ -17,7 +17,7 @@ import numpy as np
 
 from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
 from bridge.motion.estimation.joint_covariance import JointCovariance
-from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
+from bridge.motion.estimation.noise_monitor import NoiseTuning, SlipMonitor, gyro_share
 from bridge.motion.geometry import Pose2, wrap_angle
 
 if TYPE_CHECKING:
@@ -35,13 +35,6 @@ Covariance = tuple[
 
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
-_VIBRATION_BIAS_POWER = 0.6
-"""Exponent of the vibration share (:func:`gyro_share`) in the growth of the bias in motion and of
-the scale error. From ``typical`` to ``harsh`` noise (2.7 times the vibration) they grow
-threefold."""
-_VIBRATION_WALK_POWER = 1.5
-"""Exponent of the vibration share in the growth of the angle random walk by vibration. From
-``typical`` to ``harsh`` noise this part grows by a factor of 19."""
 UPDATE_DELAY_S = 0.1
 """Maximum age of the covariance, s."""
 
@@ -70,9 +63,12 @@ class Due:
 class Ekf:
     """Mean and covariance of the pose, the sensor errors and the walls."""
 
-    def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
+    def __init__(
+        self, start: Pose2, drift: DriftModel | None = None, tuning: NoiseTuning | None = None
+    ) -> None:
         """Begin at an exact pose. It defines the frame of all poses."""
         self.drift = noise = drift or DriftModel()
+        self._tuning = tuning = tuning or NoiseTuning()
         self.joint_covariance = JointCovariance(
             (
                 0.0,
@@ -87,9 +83,9 @@ class Ekf:
         )
         self.walls: list[float] = []
         """Means of the landmarks; see ``wall_map``."""
-        self.yaw_noise, self.way_noise = NoiseScale(25.0), NoiseScale(25.0)
+        self.yaw_noise, self.way_noise = NoiseScale(tuning), NoiseScale(tuning)
         """Factors on the modelled noise of gyro and wheels, estimated from wall measurements."""
-        self.slip_monitor = SlipMonitor(noise.along_m_sqrt_m)
+        self.slip_monitor = SlipMonitor(noise.along_m_sqrt_m, tuning)
         self.x_m, self.y_m, self.theta_rad = start
         self.heading_mark_rad = self.theta_rad
         self.gyro_bias_rad_s = self.motion_bias_rad_s = self.gyro_scale = self.wheel_scale_error = (
@@ -274,7 +270,7 @@ class Ekf:
         q[X, Y] = q[Y, X] = (along - across) * due.way_cs
         walk = math.hypot(
             drift.gyro_walk_rad_sqrt_s,
-            drift.gyro_shaken_rad_sqrt_s * self._shaken**_VIBRATION_WALK_POWER,
+            drift.gyro_shaken_rad_sqrt_s * self._shaken**self._tuning.walk_power,
         )
         by_gyro = walk**2 * due.turning_s + drift.turn_walk_rad_sqrt_rad**2 * due.turned
         by_wheels = drift.wheel_turn_rad_sqrt_rad**2 * due.wheel_rotation
@@ -311,8 +307,8 @@ class Ekf:
 
         A new maximum inflates its bias and scale.
         """
-        share = gyro_share(vibration_m_s2)
-        most = max(self._worst_shaken, share**_VIBRATION_BIAS_POWER)
+        share = gyro_share(vibration_m_s2, self._tuning)
+        most = max(self._worst_shaken, share**self._tuning.bias_power)
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
             p = self.joint_covariance.p

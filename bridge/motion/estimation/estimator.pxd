@@ -5,6 +5,7 @@ from bridge.motion.estimation.standstill cimport Standstill
 
 cdef class PoseEstimator:
     cdef public Ekf ekf
+    cdef public object tuning
     cdef object _model, _counts, _imu_s, _chip_c
     cdef double _left_m, _right_m
     cdef object _slipping

@@ -29,10 +29,10 @@ from bridge.motion.estimation.disturbance import (
 from bridge.motion.estimation.ekf import BIAS, Covariance, Ekf
 from bridge.motion.estimation.odometry import encoder_delta, sinc
 from bridge.motion.estimation.standstill import BATCH, Standstill
+from bridge.motion.estimation.tuning import EstimationTuning
 from bridge.motion.geometry import Pose2, wrap_angle
 
 if TYPE_CHECKING:
-    from bridge.motion.estimation.drift_model import DriftModel
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
@@ -40,31 +40,8 @@ ENCODER_GAP_S = 10.0
 half its range (4.3 m), which is ambiguous."""
 IMU_GAP_S = 0.1
 """Maximum time between gyro samples, s. In a longer gap the wheels measure the heading."""
-_BRIDGE_M = 0.0015
-"""Standard deviation of the position after a bump with valid acceleration samples, m."""
-_BRIDGE_CUT_M = 0.006
-"""Standard deviation of the position after a bump with clipped acceleration samples, m."""
-_BRIDGE_RAD = math.radians(0.05)
-"""Standard deviation of the heading that a bump adds, rad."""
-_BRIDGE_M_S = 0.012
-"""Initial standard deviation of the inertial velocity, m/s."""
-_BRIDGE_M_S2 = 0.02
-"""Increase of the inertial velocity's standard deviation per time, m/s²."""
-_SLIP_SHARE = 0.5
-"""Standard deviation of the correction for a slipping wheel, as a share of the correction."""
-_RELEASE_SHARE = 0.3
-"""Standard deviation of the path that is added again after a release, as a share of that path. The
-time of the release has an uncertainty of one bumper reading."""
-_ONSET_S = 1.0
-"""Time within which repeated disturbances of one kind count as one disturbance, s."""
 _KEPT = 64
 """Maximum number of stored disturbances."""
-_WARMING_LOWPASS = 0.02
-"""Weight of the newest sample in the low-pass of the temperature, because the register is noisy."""
-_WARMING_JUMP_C = 2.0
-"""Minimum change of the temperature between samples that means that the device restarted, °C."""
-_SPEED_LOWPASS = 0.5
-"""Weight of the newest interval in the speed. One count in 20 ms is 6.5 mm/s."""
 _STILL_M_S = 1e-3
 """Maximum speed of a standstill without new counts, m/s."""
 
@@ -78,19 +55,23 @@ class PoseEstimator:
     standstill, and after 0.1 s without a gyro sample.
     """
 
-    def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
+    def __init__(
+        self, model: RobotModel, start: Pose2, tuning: EstimationTuning | None = None
+    ) -> None:
         """Begin at an exact pose. It defines the frame of all poses."""
-        self.ekf = Ekf(start, drift)
+        self.tuning = tuning = tuning or EstimationTuning()
+        self.ekf = Ekf(start, tuning.drift, tuning.noise)
         self._model = model
         self._left_m, self._right_m = model.left_metres_per_count, model.right_metres_per_count
         """Path per count of each wheel, m, without the estimated scale error."""
         self.ekf.gyro_bias_rad_s = model.gyro_bias_rad_s
-        self._standstill = Standstill()
+        self._standstill = Standstill(tuning.standstill)
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
         self._imu_s: float | None = None
         self._chip_c: float | None = None
-        self._bumps, self._slips = BumpDetector(), SlipDetector()
+        self._bumps = BumpDetector(tuning.disturbance)
+        self._slips = SlipDetector(tuning.disturbance)
         self._bridge: InertialBridge | None = None
         self._slipping = 0
         self._disturbances: list[Disturbance] = []
@@ -204,7 +185,7 @@ class PoseEstimator:
         if bridge is None:
             return
         self.ekf.shift(bridge.unmade_m, 0.0)
-        self.ekf.inflate_along(_RELEASE_SHARE * abs(bridge.unmade_m))
+        self.ekf.inflate_along(self.tuning.bridge.release_share * abs(bridge.unmade_m))
         self._end_bridge(bridge)
 
     def hold(self) -> None:
@@ -293,17 +274,17 @@ class PoseEstimator:
 
     def _warm_to(self, temperature_c: float) -> None:
         before_c = self._chip_c
-        if before_c is None or abs(temperature_c - before_c) > _WARMING_JUMP_C:
+        if before_c is None or abs(temperature_c - before_c) > self.tuning.warming_jump_c:
             self._chip_c = temperature_c  # the device restarted
             return
-        self._chip_c = before_c + _WARMING_LOWPASS * (temperature_c - before_c)
+        self._chip_c = before_c + self.tuning.warming_lowpass * (temperature_c - before_c)
         self.ekf.warm(self._chip_c - before_c)
 
     def _roll(self, t_s: float, dt: float, left: float, right: float) -> None:
         """Move by the paths of both wheels, m, since the last sample."""
         travel = 0.5 * (left + right)
         if dt > 0.0:
-            self._speed += _SPEED_LOWPASS * (travel / dt - self._speed)
+            self._speed += self.tuning.speed_lowpass * (travel / dt - self._speed)
             if left == right == 0.0 and abs(self._speed) < _STILL_M_S:
                 self._speed = 0.0
         rotation, by_wheels = self._rotation(t_s, dt, (right - left) / self._model.wheel_base_m)
@@ -352,7 +333,7 @@ class PoseEstimator:
         if self._bumps.moving(ahead, aside) and bridge is None:
             size = math.hypot(ahead, aside) * dt
             self._note(DisturbanceKind.BUMP, t_s, size)
-            self._bridge = bridge = InertialBridge(self._speed)
+            self._bridge = bridge = InertialBridge(self._speed, self.tuning.bridge)
             # The wheels were right until the bump. Their last count is up to 20 ms older than the
             # bump.
             before_s = min(max(t_s - 0.5 * dt - self._encoder_s, 0.0), IMU_GAP_S)
@@ -363,12 +344,13 @@ class PoseEstimator:
         way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
         self.ekf.shift(way_ahead, way_aside)
         # A velocity error σ causes a position variance of (σt)². It grows by 2σ²t·dt in each step.
-        sigma = _BRIDGE_M_S + _BRIDGE_M_S2 * bridge.age_s
+        tuning = self.tuning.bridge
+        sigma = tuning.sigma_m_s + tuning.sigma_m_s2 * bridge.age_s
         self.ekf.inflate(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
 
     def _end_bridge(self, bridge: InertialBridge) -> None:
-        sigma = _BRIDGE_CUT_M if bridge.cut else _BRIDGE_M
-        self.ekf.inflate(sigma, _BRIDGE_RAD)
+        tuning = self.tuning.bridge
+        self.ekf.inflate(tuning.cut_sigma_m if bridge.cut else tuning.sigma_m, tuning.sigma_rad)
         self._bridge = None
 
     def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
@@ -384,12 +366,14 @@ class PoseEstimator:
             kind = DisturbanceKind.SLIP_RIGHT if side > 0 else DisturbanceKind.SLIP_LEFT
             self._note(kind, t_s, abs(right - left - turn) / dt)
         way = left + 0.5 * turn if side > 0 else right - 0.5 * turn
-        self.ekf.inflate_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
+        share = self.tuning.disturbance.slip_sigma_share
+        self.ekf.inflate_along(share * abs(0.5 * (left + right) - way))
         return way
 
     def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:
         last = self._disturbances[-1] if self._disturbances else None
-        if last is None or last.kind is not kind or t_s - last.t_s > _ONSET_S:
+        onset_s = self.tuning.disturbance.onset_s
+        if last is None or last.kind is not kind or t_s - last.t_s > onset_s:
             self._disturbances.append(Disturbance(kind, t_s, size))
             del self._disturbances[:-_KEPT]
 

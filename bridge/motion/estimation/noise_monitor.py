@@ -15,28 +15,50 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-NOMINAL_M_S2 = 0.15
-"""Vibration per axis at which the gyro values of the drift model are valid, m/s²: 15 mg."""
-MIN_SHARE, MAX_SHARE = 0.25, 10.0
-"""Limits of the factor on the gyro's noise."""
-_WINDOW_M = 0.10
-"""Path of one slip measurement, m. It is longer than the correlation of slip (a third of a
-second)."""
-_COMMON_M_SQRT_M = 0.0017
-"""Visible slip from which the common slip grows faster, m/√m. Measured: 0.0013 at ``typical`` and
-0.0038 at ``harsh`` noise."""
-_MAX_COMMON = 2.2
-"""Maximum ratio of total to visible slip."""
-_MIN_SLIPPERY, _MAX_SLIPPERY = 0.5, 3.0
-"""Limits of the factor on the wheels' noise. The lower limit exists because every floor has some
-slip. Above the upper limit, other measurements show the error."""
-_STRAIGHT_SHARE = 0.2
-"""Maximum share of turning in a measurement, at the rim. A measurement with more turning is
-ignored."""
-_SHARE = 0.05
-"""Weight of the newest measurement in the variance of slip."""
-_MEAN_SHARE = 0.02
-"""Weight of the newest measurement in the mean difference of the wheels."""
+
+@dataclass(frozen=True, slots=True)
+class NoiseTuning:
+    """How the filter scales its noise with this robot's vibration, slip and innovations."""
+
+    nominal_m_s2: float = 0.15
+    """Vibration per axis at which the gyro values of the drift model are valid, m/s²: 15 mg."""
+    min_gyro_share: float = 0.25
+    """Minimum factor on the gyro's noise."""
+    max_gyro_share: float = 10.0
+    """Maximum factor on the gyro's noise."""
+    bias_power: float = 0.6
+    """Exponent of the vibration share (:func:`gyro_share`) in the growth of the bias in motion and
+    of the scale error. From ``typical`` to ``harsh`` noise (2.7 times the vibration) they grow
+    threefold."""
+    walk_power: float = 1.5
+    """Exponent of the vibration share in the growth of the angle random walk by vibration. From
+    ``typical`` to ``harsh`` noise this part grows by a factor of 19."""
+    window_m: float = 0.10
+    """Path of one slip measurement, m. It is longer than the correlation of slip (a third of a
+    second)."""
+    common_m_sqrt_m: float = 0.0017
+    """Visible slip from which the common slip grows faster, m/√m. Measured: 0.0013 at ``typical``
+    and 0.0038 at ``harsh`` noise."""
+    max_common: float = 2.2
+    """Maximum ratio of total to visible slip."""
+    min_slippery: float = 0.5
+    """Minimum factor on the wheels' noise. Every floor has some slip."""
+    max_slippery: float = 3.0
+    """Maximum factor on the uncertainty of the wheel scale. Above it, other measurements show the
+    error."""
+    straight_share: float = 0.2
+    """Maximum share of turning in a measurement, at the rim. A measurement with more turning is
+    ignored."""
+    slip_share: float = 0.05
+    """Weight of the newest measurement in the variance of slip."""
+    mean_share: float = 0.02
+    """Weight of the newest measurement in the mean difference of the wheels."""
+    scale_rate: float = 0.15
+    """Change of the logarithm of a noise scale per excess of an innovation over 1."""
+    scale_cap: float = 4.0
+    """Maximum excess of an innovation over 1 that counts. The innovation may be of another wall."""
+    max_scale: float = 25.0
+    """Maximum factor on the variances of gyro and wheels, estimated from innovations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +75,10 @@ class RangingTuning:
     causes slip, and a larger gap leaves floor unswept."""
 
 
-def gyro_share(vibration_m_s2: float) -> float:
+def gyro_share(vibration_m_s2: float, tuning: NoiseTuning) -> float:
     """Return the factor on the gyro's standard deviations for a vibration, m/s²."""
-    square = (vibration_m_s2 / NOMINAL_M_S2) ** 2
-    return min(max(square, MIN_SHARE), MAX_SHARE)
+    square = (vibration_m_s2 / tuning.nominal_m_s2) ** 2
+    return min(max(square, tuning.min_gyro_share), tuning.max_gyro_share)
 
 
 class SlipMonitor:
@@ -67,13 +89,15 @@ class SlipMonitor:
         "_mean",
         "_nominal_m",
         "_path_m",
+        "_tuning",
         "_turn_m",
         "_windows",
         "variance_per_m",
     )
 
-    def __init__(self, along_m_sqrt_m: float) -> None:
+    def __init__(self, along_m_sqrt_m: float, tuning: NoiseTuning | None = None) -> None:
         """Begin with a standard deviation, m/√m. It has the weight of about 2 m of path."""
+        self._tuning = tuning or NoiseTuning()
         self._path_m = self._excess_m = self._turn_m = 0.0
         self._mean = 0.0
         self._windows = 0
@@ -88,32 +112,34 @@ class SlipMonitor:
     @property
     def slippery(self) -> float:
         """Ratio of total slip to nominal slip."""
-        shown_m = self.along_m_sqrt_m
-        common = min(max(shown_m / _COMMON_M_SQRT_M, 1.0), _MAX_COMMON)
-        return max(common * shown_m / self._nominal_m, _MIN_SLIPPERY)
+        tuning, shown_m = self._tuning, self.along_m_sqrt_m
+        common = min(max(shown_m / tuning.common_m_sqrt_m, 1.0), tuning.max_common)
+        return max(common * shown_m / self._nominal_m, tuning.min_slippery)
 
     @property
     def mean_slippery(self) -> float:
         """Slip ratio for the wheel scale. It is averaged over a longer path."""
-        return min(self.along_m_sqrt_m / self._nominal_m, _MAX_SLIPPERY)
+        return min(self.along_m_sqrt_m / self._nominal_m, self._tuning.max_slippery)
 
     def update(self, left_m: float, right_m: float, turn_m: float) -> None:
         """Use the wheels' paths, and the gyro's turn times the wheel base; all in m."""
+        tuning = self._tuning
         self._path_m += 0.5 * abs(left_m + right_m)
         self._excess_m += right_m - left_m - turn_m
         self._turn_m += abs(turn_m)
-        if self._path_m < _WINDOW_M:
-            if self._turn_m > _WINDOW_M:
+        if self._path_m < tuning.window_m:
+            if self._turn_m > tuning.window_m:
                 self._path_m = self._excess_m = self._turn_m = 0.0
             return
-        if self._turn_m < _STRAIGHT_SHARE * self._path_m:
+        if self._turn_m < tuning.straight_share * self._path_m:
             rate = self._excess_m / self._path_m  # constant if the wheels differ in size
             self._windows += 1
-            self._mean += max(1.0 / self._windows, _MEAN_SHARE) * (rate - self._mean)
+            self._mean += max(1.0 / self._windows, tuning.mean_share) * (rate - self._mean)
             if self._windows > 1:
                 # The mean of both wheels has half the standard deviation of their difference.
                 off = 0.5 * (rate - self._mean) * self._path_m
-                self.variance_per_m += _SHARE * (off * off / self._path_m - self.variance_per_m)
+                excess = off * off / self._path_m - self.variance_per_m
+                self.variance_per_m += tuning.slip_share * excess
         self._path_m = self._excess_m = self._turn_m = 0.0
 
 

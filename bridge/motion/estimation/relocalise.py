@@ -10,9 +10,6 @@ from bridge.motion.estimation.contact_uncertainty import ContactUncertainty
 from bridge.motion.estimation.estimator import IMU_GAP_S
 from bridge.motion.estimation.wall_map import WallMap
 from bridge.motion.estimation.wall_measurements import (
-    MAX_SPAN_M,
-    MOVING_M_S,
-    STEADY_RAD_S,
     FrontMeasurement,
     FrontMeasurements,
     LineMeasurement,
@@ -24,31 +21,12 @@ if TYPE_CHECKING:
     from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.robot_model import RobotModel
 
-ECHO_AGE_S = 0.03
-"""Assumed age of a new ultrasonic range if the device does not send the age, s. The sensor pings
-every 60 ms, and the stream samples its result. A repeated range is older and is not used."""
-ECHO_AGE_SIGMA_S = 0.02
-"""Standard deviation of the age, s. At cruise speed this is an error of 4 mm. An age that the
-device sends is exact to a few ms. But a value of 3 ms gave the same coverage and pose error in 60
-paired runs."""
 SAME_PULSE_S = 0.005
 """Maximum time difference at which two messages contain the same pulse, s. The age is sent in
 milliseconds, and no ultrasonic sensor pings every 5 ms."""
 MAX_ECHO_AGE_S = IMU_GAP_S
 """Maximum age of an ultrasonic range that is used, s. It is the limit of the pose extrapolation."""
-GRAZE_M = 0.005
-"""Gap between the rim and a wall beside the robot below which the robot may graze the wall, m."""
 _READINGS = 5
-RUB_M = 0.0005
-"""Mean gap below which grazing may turn the measured wall direction towards the heading, m."""
-RUB_RAD = math.radians(1.5)
-"""Standard deviation of the wall direction with a gap below ``RUB_M``, rad. Grazing seldom turns
-the direction, but by up to 1.4°. It affects a measurement on the other side of the robot too."""
-GRAZE_RAD = math.radians(0.4)
-"""Standard deviation of the wall direction with a gap above ``RUB_M``, rad. Occasional grazing
-turns the direction by 0.2 to 0.36°."""
-GRAZED_M = 0.01
-"""Minimum gap at which a measured wall cannot be the grazed wall, m."""
 
 
 class Relocaliser:
@@ -57,17 +35,22 @@ class Relocaliser:
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
         """Create an object that updates ``estimator``."""
         self._estimator = estimator
+        self._grazing = estimator.tuning.contact
+        self._tuning = estimator.tuning.measurements
         self._ultrasonic = model.ultrasonic
         self._graze_m = tuple(
-            model.radius_m - abs(m.y_m) + GRAZE_M
+            model.radius_m - abs(m.y_m) + self._grazing.graze_m
             for m in (model.infrared_left, model.infrared_right)
         )
         self._radius_m = model.radius_m
         self._near = (_Nearness(), _Nearness())
         self._grazed_m = math.inf
-        self._sides = (SideMeasurement(model.infrared_left), SideMeasurement(model.infrared_right))
-        self._front = FrontMeasurements(model.ultrasonic)
-        self.walls = WallMap(estimator.ekf)
+        self._sides = tuple(
+            SideMeasurement(mount, self._tuning)
+            for mount in (model.infrared_left, model.infrared_right)
+        )
+        self._front = FrontMeasurements(model.ultrasonic, self._tuning)
+        self.walls = WallMap(estimator.ekf, estimator.tuning.walls)
         self._echo_m: float | None = None
         self._pulse_s = -math.inf
         """Time of the newest ultrasonic pulse whose age was sent, s."""
@@ -93,7 +76,7 @@ class Relocaliser:
         up to 4 mm. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
         it, a mean age is used.
         """
-        estimator = self._estimator
+        estimator, tuning, contact = self._estimator, self._tuning, self._grazing
         grazing = any(
             near.take(r) < most
             for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
@@ -101,16 +84,17 @@ class Relocaliser:
         path_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
         self._grazed_m = path_m if grazing else self._grazed_m + path_m
         seen_from = self._place(t_s)
-        steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
-        moving = abs(estimator.v_m_s) > MOVING_M_S
+        steady = abs(estimator.yaw_rate_rad_s) < tuning.steady_rad_s
+        moving = abs(estimator.v_m_s) > tuning.moving_m_s
         wander = estimator.ekf.across_m_sqrt_m
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
             line = side.add(
                 seen_from, range_m, moving=moving, steady=steady, wander_m_sqrt_m=wander
             )
-            if line is not None and self._grazed_m < MAX_SPAN_M:
+            if line is not None and self._grazed_m < tuning.max_span_m:
                 room_m = _mean_m(line) - self._radius_m
-                line = line.with_sigma(GRAZE_RAD if RUB_M <= room_m < GRAZED_M else RUB_RAD)
+                grazes = contact.rub_m <= room_m < contact.grazed_m
+                line = line.with_sigma(contact.graze_rad if grazes else contact.rub_rad)
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1
@@ -119,7 +103,7 @@ class Relocaliser:
             seen_from = self._place(t_s - age_s)
         front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None:
-            off_m = ECHO_AGE_SIGMA_S * estimator.v_m_s
+            off_m = tuning.echo_age_sigma_s * estimator.v_m_s
             front = FrontMeasurement(
                 front.range_m - _ahead_m(seen_from, estimator.odometry),
                 front.variance + off_m * off_m,
@@ -134,7 +118,7 @@ class Relocaliser:
         if t_s is None or age_s is None:
             fresh = ultrasonic_m != self._echo_m
             self._echo_m = ultrasonic_m
-            return fresh, ECHO_AGE_S
+            return fresh, self._tuning.echo_age_s
         pulse_s = t_s - age_s
         fresh = abs(pulse_s - self._pulse_s) > SAME_PULSE_S and age_s <= MAX_ECHO_AGE_S
         self._pulse_s = pulse_s

@@ -1,7 +1,7 @@
 cdef class Standstill:
     cdef public bint at_rest
-    cdef double _settling_s, _last_count_s, _batch_sum
-    cdef object _last_encoder_s, _previous_mean
+    cdef double _last_count_s, _batch_sum
+    cdef object _tuning, _last_encoder_s, _previous_mean
     cdef int _samples, _batch_count
 
     cpdef object on_gyro(self, double t_s, double rate_rad_s, double bias_rad_s)

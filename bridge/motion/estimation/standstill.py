@@ -7,35 +7,44 @@ samples at standstill are one measurement of the gyro bias.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 BATCH = 5
 """Number of samples at standstill that are averaged for one update, to save processor time."""
-FIRST_BIAS_SAMPLES = 25
-"""Number of samples at standstill before the gyro is used. Before that the wheels measure the
-heading."""
-MAX_BIAS_RAD_S = 0.4
-"""Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot is
-moving."""
-RATE_VETO_RAD_S = 0.05
-"""Maximum yaw rate minus the bias at standstill, rad/s (3 °/s). A higher rate means that a person
-turns the robot while its wheels stand still."""
-STALE_S = 0.2
-"""Time without encoder samples after which the robot no longer counts as standing still, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class StandstillTuning:
+    """Limits of a standstill."""
+
+    first_bias_samples: int = 25
+    """Number of samples at standstill before the gyro is used. Before that the wheels measure the
+    heading."""
+    max_bias_rad_s: float = 0.4
+    """Maximum bias, rad/s: the data sheet's ±20 °/s. A larger first sample means that the robot is
+    moving."""
+    rate_veto_rad_s: float = 0.05
+    """Maximum yaw rate minus the bias at standstill, rad/s (3 °/s). A higher rate means that a
+    person turns the robot while its wheels stand still."""
+    stale_s: float = 0.2
+    """Time without encoder samples after which the robot no longer counts as standing still, s."""
+    settling_s: float = 0.3
+    """Time without counts after which the wheels stand still, s. In this time the gearbox play and
+    the run-out end."""
 
 
 class Standstill:
     """Detects standstill by encoders and gyro, and averages the gyro samples in it.
 
     The wheels stand still from the start until the first count. After a motion, they stand still
-    when the counts have not changed for ``settling_s``. In this time the gearbox play and the
-    run-out end.
+    when the counts have not changed for ``settling_s``.
     """
 
-    def __init__(self, settling_s: float = 0.3) -> None:
-        """Create a detector that waits ``settling_s`` after the last count."""
+    def __init__(self, tuning: StandstillTuning | None = None) -> None:
+        """Create a detector for wheels that have not turned yet."""
+        self._tuning = tuning or StandstillTuning()
         self.at_rest = True
         """True if the last gyro sample was a sample at standstill."""
-        self._settling_s = settling_s
         self._last_count_s = -math.inf
         self._last_encoder_s: float | None = None
         self._samples = 0
@@ -45,7 +54,7 @@ class Standstill:
     @property
     def bias_known(self) -> bool:
         """True after the first 25 samples of one standstill. Then the gyro can be used."""
-        return self._samples >= FIRST_BIAS_SAMPLES
+        return self._samples >= self._tuning.first_bias_samples
 
     def on_encoders(self, t_s: float, *, moved: bool) -> None:
         """Process the time of an encoder sample, s. ``moved``: a count has changed."""
@@ -68,9 +77,9 @@ class Standstill:
 
         """
         if self.bias_known:
-            quiet = abs(rate_rad_s - bias_rad_s) < RATE_VETO_RAD_S
+            quiet = abs(rate_rad_s - bias_rad_s) < self._tuning.rate_veto_rad_s
         else:
-            quiet = abs(rate_rad_s) < MAX_BIAS_RAD_S
+            quiet = abs(rate_rad_s) < self._tuning.max_bias_rad_s
         self.at_rest = self.wheels_stand(t_s) and quiet
         if not self.at_rest:
             if not self.bias_known:
@@ -90,4 +99,7 @@ class Standstill:
         """Return True if the wheels stand still at a time, s."""
         if self._last_encoder_s is None:
             return True
-        return t_s - self._last_count_s >= self._settling_s and t_s - self._last_encoder_s < STALE_S
+        return (
+            t_s - self._last_count_s >= self._tuning.settling_s
+            and t_s - self._last_encoder_s < self._tuning.stale_s
+        )

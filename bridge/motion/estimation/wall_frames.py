@@ -1,8 +1,8 @@
 """Frames of walls: the walls of a frame are parallel or orthogonal.
 
 Most rooms have right angles, but boxes in them may be oblique. So orthogonality needs evidence: the
-standard deviation of the angle between two walls must be less than ``SQUARE_SURE_RAD``, and the
-angle must agree with a multiple of 90°. The walls of an oblique box have their own frame.
+standard deviation of the angle between two walls must be less than ``sure_rad``, and the angle
+must agree with a multiple of 90°. The walls of an oblique box have their own frame.
 """
 
 from __future__ import annotations
@@ -17,20 +17,30 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-NEW_SPAN_M = 0.15
-"""Length below which a wall's direction counts as unknown, m."""
-SQUARE_SURE_RAD = math.radians(0.9)
-SQUARE_RAD = math.radians(0.15)
-"""Standard deviation of the right angles in a well-built room, rad."""
-SQUARE_SIGMAS = 2.5
-SQUARE_GATE_RAD = math.radians(1.6)
-LONG_M = 0.5
-"""Minimum wall length for the weaker limits ``LONG_SURE_RAD`` and ``LONG_GATE_RAD``, m."""
-LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
-"""Limits for long walls, rad: the standard deviation of the angle, and its difference from a
-multiple of 90°. They are weaker than for short walls, because a slightly oblique box rarely has
-long walls."""
 _QUARTER = 0.5 * math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTuning:
+    """Evidence that two walls are orthogonal or parallel."""
+
+    new_span_m: float = 0.15
+    """Length below which a wall's direction counts as unknown, m."""
+    sure_rad: float = math.radians(0.9)
+    """Maximum standard deviation of the angle between two walls, rad."""
+    square_rad: float = math.radians(0.15)
+    """Standard deviation of the right angles in a well-built room, rad."""
+    gate_sigmas: float = 2.5
+    """Maximum difference of the angle from a multiple of 90°, in standard deviations."""
+    gate_rad: float = math.radians(1.6)
+    """Maximum difference of the angle from a multiple of 90°, rad."""
+    long_m: float = 0.5
+    """Minimum wall length for the weaker limits ``long_sure_rad`` and ``long_gate_rad``, m."""
+    long_sure_rad: float = math.radians(2.0)
+    """Maximum standard deviation of the angle between long walls, rad. It is larger than for short
+    walls, because a slightly oblique box rarely has long walls."""
+    long_gate_rad: float = math.radians(3.5)
+    """Maximum difference of the angle between long walls from a multiple of 90°, rad."""
 
 
 @dataclass(slots=True)
@@ -54,8 +64,9 @@ class Wall:
 class Frames:
     """Groups walls into frames."""
 
-    def __init__(self, walls: list[Wall]) -> None:
+    def __init__(self, walls: list[Wall], tuning: FrameTuning) -> None:
         """Group the walls of this list. The list belongs to the map."""
+        self._tuning = tuning
         self._walls = walls
         self._newest = -1
         self.widest = -1
@@ -75,21 +86,21 @@ class Frames:
             p: covariance of these directions, ``(walls, walls)``, rad².
 
         """
-        wall = self._walls[i]
+        tuning, wall = self._tuning, self._walls[i]
         found, longest = None, -1.0
         for j, other in enumerate(self._walls):
-            if j == i or other.seen_m <= longest or other.seen_m < NEW_SPAN_M:
+            if j == i or other.seen_m <= longest or other.seen_m < tuning.new_span_m:
                 continue
             if wall.frame == other.frame >= 0:
                 continue
             variance = float(p[i, i] + p[j, j] - 2.0 * p[i, j])
-            is_long = min(wall.seen_m, other.seen_m) >= LONG_M
-            if variance > (LONG_SURE_RAD if is_long else SQUARE_SURE_RAD) ** 2:
+            is_long = min(wall.seen_m, other.seen_m) >= tuning.long_m
+            if variance > (tuning.long_sure_rad if is_long else tuning.sure_rad) ** 2:
                 continue
             off = math.remainder(alphas[i] - alphas[j], _QUARTER)
-            sigma = math.sqrt(max(variance, 0.0) + SQUARE_RAD**2)
-            gate = LONG_GATE_RAD if is_long else SQUARE_GATE_RAD
-            if abs(off) < min(SQUARE_SIGMAS * sigma, gate):
+            sigma = math.sqrt(max(variance, 0.0) + tuning.square_rad**2)
+            gate = tuning.long_gate_rad if is_long else tuning.gate_rad
+            if abs(off) < min(tuning.gate_sigmas * sigma, gate):
                 found, longest = (j, off), other.seen_m
         return found
 

@@ -15,7 +15,7 @@ import pytest
 from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
 from bridge.motion.estimation.ekf import BIAS, GYRO_SCALE, MOTION_BIAS, STATES, WHEEL_SCALE
 from bridge.motion.estimation.estimator import PoseEstimator
-from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
+from bridge.motion.estimation.noise_monitor import NoiseTuning, SlipMonitor, gyro_share
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.dead_reckoning import DeadReckoning
@@ -25,6 +25,7 @@ from support.sim_drive import SimDrive
 MODEL = RobotModel()
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 DRIFT = DriftModel()
+NOISE = NoiseTuning()
 RUNS = 24
 TICK_S = 0.002
 LEGS = ((3.0, 0.0), (1.2, 1.3), (4.0, 0.0), (1.2, -1.3), (3.0, 0.25))
@@ -254,10 +255,10 @@ def test_only_the_vibration_part_of_the_gyro_walk_grows() -> None:
 
 
 def test_vibration_makes_the_gyro_worse_by_its_square() -> None:
-    assert gyro_share(0.15) == pytest.approx(1.0)
-    assert gyro_share(0.30) == pytest.approx(4.0)
-    assert gyro_share(0.0) == 0.25
-    assert gyro_share(5.0) == 10.0
+    assert gyro_share(0.15, NOISE) == pytest.approx(1.0)
+    assert gyro_share(0.30, NOISE) == pytest.approx(4.0)
+    assert gyro_share(0.0, NOISE) == 0.25
+    assert gyro_share(5.0, NOISE) == 10.0
 
 
 def settled(scale: NoiseScale, variance: float, seed: int) -> float:
@@ -274,7 +275,7 @@ def settled(scale: NoiseScale, variance: float, seed: int) -> float:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("variance", [4.0, 9.0])
 def test_innovations_scale_the_noise_to_the_errors(variance: float, seed: int) -> None:
-    scale = NoiseScale(25.0)
+    scale = NoiseScale(NOISE)
     assert settled(scale, variance, seed) == pytest.approx(variance, rel=0.25)
     # It returns to one once the errors are small again.
     assert settled(scale, 0.2, seed) < 1.05
@@ -283,11 +284,11 @@ def test_innovations_scale_the_noise_to_the_errors(variance: float, seed: int) -
 @pytest.mark.parametrize("seed", range(3))
 def test_errors_as_large_as_the_models_leave_the_scale_near_one(seed: int) -> None:
     """The scale is not exactly one: it is limited from below there and fluctuates upwards."""
-    assert 1.0 < settled(NoiseScale(25.0), 1.0, seed) < 1.6
+    assert 1.0 < settled(NoiseScale(NOISE), 1.0, seed) < 1.6
 
 
 def test_the_scale_of_the_noise_stays_within_its_bounds() -> None:
-    scale = NoiseScale(25.0)
+    scale = NoiseScale(NOISE)
     for _ in range(100):
         scale.learn(1e6)
     assert scale.value == 25.0

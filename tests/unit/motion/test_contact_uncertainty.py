@@ -7,15 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.motion.estimation.contact_uncertainty import (
-    GRAZE_M_SQRT_M,
-    PRESS_SHARE,
-    SLIDE_AHEAD,
-    SLIDE_ASIDE,
-    ContactUncertainty,
-)
+from bridge.motion.estimation.contact_uncertainty import ContactUncertainty
 from bridge.motion.estimation.drift_model import DriftModel
 from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.tuning import EstimationTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import box, room
@@ -26,6 +21,7 @@ if TYPE_CHECKING:
 
 MODEL = RobotModel()
 START = Pose2(1.0, 1.0, 0.0)
+TUNING = EstimationTuning().contact
 
 
 class Pushed:
@@ -52,8 +48,8 @@ def test_a_pressed_half_holds_back_part_of_the_way(*, left: bool, right: bool, a
     pushed = Pushed()
     pushed.go([0.005] * 10, left=left, right=right)
     x, y, theta = pushed.estimator.pose
-    assert x - START.x_m == pytest.approx(0.05 * (1.0 - SLIDE_AHEAD))
-    assert y - START.y_m == pytest.approx(aside * 0.05 * SLIDE_ASIDE)
+    assert x - START.x_m == pytest.approx(0.05 * (1.0 - TUNING.slide_ahead))
+    assert y - START.y_m == pytest.approx(aside * 0.05 * TUNING.slide_aside)
     assert theta == 0.0
 
 
@@ -137,7 +133,7 @@ def struck(speed_m_s: float) -> tuple[SimDrive, ContactUncertainty]:
 def test_after_a_gap_one_readings_path_counts_as_contact() -> None:
     pushed = Pushed()
     pushed.go([0.2], left=True, right=False)
-    assert abs(pushed.estimator.pose.y_m - START.y_m) == pytest.approx(SLIDE_ASIDE * 0.02)
+    assert abs(pushed.estimator.pose.y_m - START.y_m) == pytest.approx(TUNING.slide_aside * 0.02)
 
 
 def test_a_stuck_half_does_not_lead_the_estimate_away() -> None:
@@ -155,7 +151,7 @@ def test_the_error_of_one_touch_is_one_error_however_often_it_is_read(readings: 
     many = Pushed()
     many.go([0.0] + [0.08 / readings] * readings, left=True, right=False)
     grown = math.sqrt(many.sigma_m[1] ** 2 - once.sigma_m[1] ** 2)
-    assert grown == pytest.approx(PRESS_SHARE * 0.08, rel=0.03)
+    assert grown == pytest.approx(TUNING.press_share * 0.08, rel=0.03)
 
 
 def test_two_touches_are_two_errors() -> None:
@@ -172,7 +168,7 @@ def test_grazing_adds_standard_deviation_with_the_root_of_the_path() -> None:
     for parts in (10, 80):
         rubbed = Pushed()
         rubbed.go([0.4 / parts] * parts, left=False, right=False, graze=True)
-        by_way = math.hypot(GRAZE_M_SQRT_M, DriftModel().across_m_sqrt_m)
+        by_way = math.hypot(TUNING.graze_m_sqrt_m, DriftModel().across_m_sqrt_m)
         assert rubbed.sigma_m[1] == pytest.approx(by_way * math.sqrt(0.4), rel=0.05)
         assert rubbed.estimator.pose.y_m == START.y_m
 

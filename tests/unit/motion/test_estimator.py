@@ -10,6 +10,7 @@ import pytest
 
 from bridge.motion.estimation.drift_model import DriftModel
 from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.tuning import EstimationTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
@@ -212,7 +213,7 @@ def test_heading_error_is_consistent_with_its_covariance() -> None:
 
 
 def test_noise_figures_are_the_estimators() -> None:
-    loose = PoseEstimator(MODEL, ORIGIN, DriftModel(bias_prior_rad_s=0.5))
+    loose = PoseEstimator(MODEL, ORIGIN, EstimationTuning(drift=DriftModel(bias_prior_rad_s=0.5)))
     assert loose.gyro_bias_sigma_rad_s == pytest.approx(0.5)
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from bridge.motion.estimation.ekf import STATES, THETA, X, Y
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
-from bridge.motion.estimation.wall_map import GATE_M, WallMap
+from bridge.motion.estimation.wall_map import WallMap, WallTuning
 from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
@@ -182,7 +182,7 @@ def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: 
     world.rest(1.0)
     for _ in range(3):
         world.round()
-    assert world.worst_harm < GATE_M
+    assert world.worst_harm < WallTuning().gate_m
     assert world.worst_helped < 0.06
     assert world.min_eigenvalue > -1e-12
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.motion.estimation.standstill import BATCH, FIRST_BIAS_SAMPLES, Standstill
+from bridge.motion.estimation.standstill import BATCH, Standstill, StandstillTuning
 
 PERIOD_S = 0.01
 BIAS_RAD_S = 0.02
@@ -61,9 +61,9 @@ def test_a_batch_counts_only_when_the_next_one_is_complete() -> None:
 def test_a_start_before_the_25th_sample_discards_the_earlier_samples() -> None:
     known = []
     standstill = Standstill()
-    stand(standstill, FIRST_BIAS_SAMPLES - 1)
+    stand(standstill, StandstillTuning().first_bias_samples - 1)
     standstill.on_gyro(0.24, 1.0, BIAS_RAD_S)
-    stand(standstill, FIRST_BIAS_SAMPLES - 1, 0.25)
+    stand(standstill, StandstillTuning().first_bias_samples - 1, 0.25)
     known.append(standstill.bias_known)
     stand(standstill, 1, 0.5)
     known.append(standstill.bias_known)

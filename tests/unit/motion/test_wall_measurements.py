@@ -11,11 +11,10 @@ import pytest
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.estimation.wall_measurements import (
-    FLAT_M,
-    FLAT_RAD,
     WANDER_BOW,
     FrontMeasurements,
     LineMeasurement,
+    MeasurementTuning,
     SideMeasurement,
 )
 from bridge.motion.geometry import Pose2
@@ -23,6 +22,7 @@ from bridge.motion.robot_model import RobotModel
 from support.walled import DEGREE, ORIGIN
 
 MODEL = RobotModel()
+TUNING = MeasurementTuning()
 
 
 def drive_by(  # noqa: PLR0913 - a wall and a drive
@@ -74,8 +74,8 @@ def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
     turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
     off = np.array([s.distance_m - 0.2 for s in seen])
     ahead = 0.10  # from the robot's place at the end to the middle of the segment
-    flat = FLAT_M**2 + (ahead * FLAT_RAD) ** 2  # averaging cannot remove this
-    var_turn = float(np.mean([s.var_normal for s in seen])) - FLAT_RAD**2
+    flat = TUNING.flat_m**2 + (ahead * TUNING.flat_rad) ** 2  # averaging cannot remove this
+    var_turn = float(np.mean([s.var_normal for s in seen])) - TUNING.flat_rad**2
     var_off = float(np.mean([s.var_distance for s in seen])) - flat
     assert 0.7 < float((turn**2).mean()) / var_turn < 1.3
     assert 0.7 < float((off**2).mean()) / var_off < 1.3

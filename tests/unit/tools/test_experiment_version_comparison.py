@@ -9,9 +9,10 @@ import pytest
 
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.estimation.drift_model import DriftModel
+from bridge.motion.estimation.wall_map import WallTuning
 from tools.experiment.paired_differences import difference, matched
 from tools.experiment.sensitivity import sensitivity_table, sensitivity_trials
-from tools.experiment.settings import Settings, constants, scaled, settings_of
+from tools.experiment.settings import Settings, constants, groups, scaled, settings_of
 from tools.experiment.store import LINES, ExperimentFolderError
 from tools.experiment.trials import Trial, TrialKind
 from tools.experiment.version_comparison import (
@@ -113,6 +114,7 @@ def test_every_number_of_the_configs_is_a_constant() -> None:
     known = constants()
     assert known["planner.min_rate"] == RecoveryOptions().min_rate
     assert known["drift.wheel_scale"] == DriftModel().wheel_scale
+    assert known["walls.gate_m"] == WallTuning().gate_m
     assert known["follow.lookahead_m"] == 0.11, "the value that the executor uses"
     assert "motion.follow" not in known
     assert "planner.looks_m" not in known
@@ -130,8 +132,7 @@ def test_a_changed_constant_reaches_its_config_alone(name: str) -> None:
     changed, default = settings_of(f"{name}={value:.6g}"), Settings()
     assert changed != default
     group, _, field = name.partition(".")
-    config = getattr(changed, group, None) or getattr(changed.motion, group)
-    assert getattr(config, field) == pytest.approx(value, rel=1e-5)
+    assert getattr(groups(changed)[group], field) == pytest.approx(value, rel=1e-5)
     assert settings_of("") == default
 
 
