@@ -3,7 +3,7 @@
 The sensor has three light barriers under the front rim but reports only one bit. So the planner
 does not know which barrier detected the cliff, or the direction of the edge. No range sensor
 detects a cliff, so the robot does not follow the edge. Lanes may lead to a cliff; near a known
-cliff the robot drives slowly. Perimeter passes and transits avoid cliffs.
+cliff the robot drives slowly. Perimeter passes do not begin near a cliff.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ class PlannerGeometry:
     full_rate: float
     """Number of cells that the mouth sweeps per second at cruise speed (70)."""
     min_rate: float
-    """Minimum number of new cells per second of a choice (15)."""
+    """Minimum number of new cells per second of a choice (7.5)."""
     near_rate: float
     """Number of new cells per second at which the search ends with a choice (30)."""
     hole_rate: float

@@ -29,10 +29,10 @@ class DisturbanceTuning:
     """Limits of bumps and slips."""
 
     bump_m_s2: float = 1.8
-    """Minimum jerk of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
+    """Minimum acceleration of a bump, m/s²: a contact at 2 cm/s. A normal stop reaches 1 m/s²."""
     bump_sigmas: float = 6.0
-    """Minimum jerk of a bump, in standard deviations of the vibration. The vibration is measured
-    during motion."""
+    """Minimum acceleration of a bump, in standard deviations of the vibration. The vibration is
+    measured during motion."""
     vibration_m_s2: float = 0.15
     """Initial vibration, m/s²."""
     vibration_share: float = 0.01
@@ -152,7 +152,7 @@ class BumpDetector:
 
     @property
     def threshold_m_s2(self) -> float:
-        """Present minimum jerk of a bump, m/s²."""
+        """Present minimum acceleration of a bump, m/s²."""
         tuning = self._tuning
         return max(tuning.bump_m_s2, tuning.bump_sigmas * math.sqrt(self._variance))
 
