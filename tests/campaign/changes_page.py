@@ -32,6 +32,7 @@ _COLUMNS = """
   that really was.
 - *coverage*: swept share of what the mouth can reach before and after the change, of completed
   runs.
+- A run of *started elsewhere* ends after 400 s at the latest, because only its report matters.
 
 """
 
