@@ -69,7 +69,7 @@ class ObservationMonitor:
         self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
         tuning = MotionTuning()
-        self._brake = Braking(tuning.brake_share * model.max_accel_m_s2, tuning.lag_s)
+        self._brake = Braking(tuning.braking.share * model.max_accel_m_s2, tuning.braking.lag_s)
         self._touch_m_s = tuning.hidden.touch_m_s
         self.obs = obs
         """The last observation."""

@@ -51,3 +51,19 @@ class Braking:
         limit.
         """
         return 0.5 * self.latency_s * abs(speed)
+
+
+@dataclass(frozen=True, slots=True)
+class BrakingTuning:
+    """How a robot brakes ahead of an obstacle or the end of a leg."""
+
+    share: float = 0.75
+    """Share of the acceleration limit in braking distances. The rest is a reserve for control."""
+    lag_s: float = 0.10
+    """Time from a command to the wheels' response, s: link, smoothing, motor."""
+    creep_m_s: float = 0.025
+    """Minimum approach speed, m/s. A contact at this speed is no collision (< 0.03 m/s)."""
+
+    def of(self, max_accel_m_s2: float) -> Braking:
+        """Return the limits of a robot with this acceleration limit."""
+        return Braking(self.share * max_accel_m_s2, self.lag_s, self.creep_m_s)

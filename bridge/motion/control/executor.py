@@ -50,12 +50,12 @@ class LegExecutor:
         """Begin at standstill, without a leg."""
         self._model = model
         self._tuning = tune = tuning or MotionTuning()
-        self._brake = Braking(tune.brake_share * model.max_accel_m_s2, tune.lag_s, tune.creep_m_s)
+        self._brake = tune.braking.of(model.max_accel_m_s2)
         rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
         brake_rad_s2 = tune.turn_brake_share * model.max_yaw_accel_rad_s2
         self._rotary = RotaryController(rate, brake_rad_s2, tune.rotary)
         self._flow_rad_s = tune.flow_rate_share * model.max_yaw_rate_rad_s
-        self._flow = Braking(tune.flow_brake_share * model.max_yaw_accel_rad_s2, tune.lag_s)
+        self._flow = Braking(tune.flow_brake_share * model.max_yaw_accel_rad_s2, tune.braking.lag_s)
         self._point = PointToPointController(
             model.max_speed_m_s, rate, tune.turn_in_place_rad, tune.distance, tune.bearing
         )
@@ -123,6 +123,7 @@ class LegExecutor:
                 leg.gap_m,
                 speed_m_s=leg.speed_m_s,
                 tuning=self._tuning.follow,
+                brake=self._brake,
                 noise=self._ranging,
             )
             if leg.touching:
@@ -253,7 +254,7 @@ class LegExecutor:
         elif self._rolls_into(obs):
             self._smooth_v.reset()  # a turn leads away; remaining forward motion does not
         error = _remaining_rad(leg, obs)
-        run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
+        run_out = 0.5 * tune.braking.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
             return self._flow_on(StopReason.DONE, obs)
         if abs(error) < tune.heading_tolerance_rad + run_out:
@@ -313,7 +314,8 @@ class LegExecutor:
             most = self._approach(leg.stop_range_m, obs, dt, self._speed)
             if most <= 0.0:
                 return self._stop(StopReason.RANGE, obs, dt)
-            speed = min(max(speed, tune.creep_m_s), most, self._brake.speed(command.distance_m))
+            speed = max(speed, self._brake.creep)
+            speed = min(speed, most, self._brake.speed(command.distance_m))
             speed = min(speed, self._allowed(wary=False))
         progress = self._along_m + obs.pose.theta_rad
         if self._stands(obs, dt) or self._stalled(progress, tune.stall_m):
@@ -356,7 +358,7 @@ class LegExecutor:
     def _allowed(self, *, wary: bool) -> float:
         """Return the maximum speed for known obstacles; ``wary``: also for suspected ones."""
         most = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
-        return max(most, self._tuning.creep_m_s)
+        return max(most, self._brake.creep)
 
     def _hit(self, obs: Observation) -> StopReason | None:
         if obs.cliff:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from bridge.motion.control.braking import BrakingTuning
 from bridge.motion.control.hidden_ahead import HiddenAheadTuning
 from bridge.motion.control.point_to_point import BEARING_GAINS, DISTANCE_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
@@ -15,6 +16,8 @@ from bridge.motion.estimation.range_filter import RangeAheadTuning
 if TYPE_CHECKING:
     from bridge.motion.control.pid import PidGains
 
+BRAKING_TUNING = BrakingTuning()
+"""Tuning of braking."""
 HIDDEN_TUNING = HiddenAheadTuning()
 """Tuning of the speed limit because of hidden obstacles."""
 FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
@@ -31,12 +34,8 @@ class MotionTuning:
     ``typical`` and ``harsh``.
     """
 
-    brake_share: float = 0.75
-    """Share of the acceleration limit in braking distances. The rest is a reserve for control."""
-    lag_s: float = 0.10
-    """Time from a command to the wheels' response, s: link, smoothing, motor."""
-    creep_m_s: float = 0.025
-    """Minimum approach speed, m/s. A contact at this speed is no collision (< 0.03 m/s)."""
+    braking: BrakingTuning = BRAKING_TUNING
+    """Braking of lanes, of drives to a point and of wall following."""
     lookahead_m: float = 0.25
     """Distance from the robot to the point on the lane's line to which lane keeping steers, m."""
     turn_rate_share: float = 0.75

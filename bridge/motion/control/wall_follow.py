@@ -11,13 +11,14 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.motion.control.braking import Braking
+from bridge.motion.control.braking import BrakingTuning
 from bridge.motion.control.confirmed_range import ConfirmedRange
 from bridge.motion.estimation.noise_monitor import RangingNoise, RangingTuning
 from bridge.motion.estimation.wall_track import MAX_YAW_RAD, TrackTuning, WallTrack
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:
+    from bridge.motion.control.braking import Braking
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
 
@@ -91,12 +92,6 @@ class FollowTuning:
     nudge_s: float = 0.5
     """Maximum time for which the followed wall may press a bumper switch, s. After this time the
     switch means an obstacle ahead."""
-    brake_share: float = 0.75
-    """Share of the acceleration limit in braking distances, as in ``MotionTuning``."""
-    lag_s: float = 0.10
-    """Time from a command to the wheels' response, s, as in ``MotionTuning``."""
-    creep_m_s: float = 0.025
-    """Minimum approach speed, m/s, as in ``MotionTuning``."""
     yaw_rate_share: float = 0.75
     """Maximum share of the yaw rate limit. The rest is for control."""
     error_factor: float = 2.0
@@ -192,6 +187,7 @@ class WallFollower:
         *,
         speed_m_s: float | None = None,
         tuning: FollowTuning | None = None,
+        brake: Braking | None = None,
         noise: RangingNoise | None = None,
     ) -> None:
         """Follow a wall with the gap ``distance_m`` to the rim; 0: in light contact.
@@ -218,7 +214,7 @@ class WallFollower:
         if blind_m > 0.0:
             self._gap_m = max(self._gap_m, blind_m + tune.blind_margin_m)
         self._max_rate = tune.yaw_rate_share * model.max_yaw_rate_rad_s
-        self._brake = Braking(tune.brake_share * model.max_accel_m_s2, tune.lag_s, tune.creep_m_s)
+        self._brake = brake or BrakingTuning().of(model.max_accel_m_s2)
         self._room = ConfirmedRange(
             model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m,
             held_s=tune.held_s,

@@ -14,7 +14,7 @@ from bridge.motion.robot_model import RobotModel
 MODEL = RobotModel()
 DECEL = 0.3
 NOW = Braking(DECEL, 0.0)
-BRAKE = Braking(DECEL, MotionTuning().lag_s)
+BRAKE = Braking(DECEL, MotionTuning().braking.lag_s)
 TOUCH_M_S = HIDDEN_TUNING.touch_m_s
 
 
