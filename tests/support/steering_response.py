@@ -16,8 +16,8 @@ from bridge.motion.control.point_to_point import (
     PointToPointController,
 )
 from bridge.motion.control.smoothing import VelocitySmoother
-from bridge.motion.control.tuning import FOLLOW_TUNING, MotionTuning
-from bridge.motion.control.wall_follow import Side, WallFollower
+from bridge.motion.control.tuning import MotionTuning
+from bridge.motion.control.wall_follow import FollowTuning, Side, WallFollower
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.observation import Observation
 from bridge.motion.step_response import STEP_S, StepResponse
@@ -108,7 +108,7 @@ def bearing_step(
 def wall_step(  # noqa: PLR0913 - a robot, a step, and the following
     model: RobotModel,
     step_m: float,
-    tuning: FollowTuning = FOLLOW_TUNING,
+    tuning: FollowTuning | None = None,
     *,
     gap_m: float = 0.05,
     speed_m_s: float | None = None,
@@ -131,7 +131,7 @@ def wall_step(  # noqa: PLR0913 - a robot, a step, and the following
 
 
 def column_stand_off_m(
-    model: RobotModel, radius_m: float, tuning: FollowTuning = FOLLOW_TUNING, gap_m: float = 0.05
+    model: RobotModel, radius_m: float, tuning: FollowTuning | None = None, gap_m: float = 0.05
 ) -> float:
     """Return the mean increase of the gap around a round pillar in the last 5 of 15 s, m."""
     centre = -(radius_m + gap_m + model.radius_m)
@@ -148,7 +148,7 @@ def column_stand_off_m(
 def _follow(  # noqa: PLR0913, PLR0917 - a robot, its wall, and the following
     model: RobotModel,
     reads: Callable[[Pose2], float],
-    tuning: FollowTuning,
+    tuning: FollowTuning | None,
     gap_m: float,
     speed_m_s: float | None = None,
     dead_s: float = DEAD_S,

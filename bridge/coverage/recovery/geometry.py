@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.motion.control.tuning import FOLLOW_TUNING
+from bridge.motion.control.wall_follow import FollowTuning
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.options import RecoveryOptions
@@ -277,7 +277,7 @@ class PlannerGeometry:
                 options.beside_straight_share * radius_m,
             ),
             range_point_m=radius_m + options.range_rim_m,
-            round_rad_s=_exact(options.round_m_s / (radius_m + FOLLOW_TUNING.corner_gap_m)),
+            round_rad_s=_exact(options.round_m_s / (radius_m + FollowTuning().corner_gap_m)),
             same_place_m=_exact(options.same_place_m * scale),
             worth_m2=_exact(options.worth_length_m * width_m),
             min_wall_cells=round(options.min_wall_m / cell_m),

@@ -16,15 +16,6 @@ from bridge.motion.estimation.range_filter import RangeAheadTuning
 if TYPE_CHECKING:
     from bridge.motion.control.pid import PidGains
 
-BRAKING_TUNING = BrakingTuning()
-"""Tuning of braking."""
-HIDDEN_TUNING = HiddenAheadTuning()
-"""Tuning of the speed limit because of hidden obstacles."""
-FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
-"""Tuning of wall following. The robot does not sweep the floor beyond its stopping point, so it
-drives into inner corners. A table leg is too thin for the infrared beam, so the robot follows it
-all around."""
-
 
 @dataclass(frozen=True, slots=True)
 class MotionTuning:
@@ -34,7 +25,7 @@ class MotionTuning:
     ``typical`` and ``harsh``.
     """
 
-    braking: BrakingTuning = BRAKING_TUNING
+    braking: BrakingTuning = field(default_factory=BrakingTuning)
     """Braking of lanes, of drives to a point and of wall following."""
     lookahead_m: float = 0.25
     """Distance from the robot to the point on the lane's line to which lane keeping steers, m."""
@@ -88,9 +79,9 @@ class MotionTuning:
     """Gains of the distance from a point."""
     bearing: PidGains = BEARING_GAINS
     """Gains of the bearing of a point."""
-    hidden: HiddenAheadTuning = HIDDEN_TUNING
+    hidden: HiddenAheadTuning = field(default_factory=HiddenAheadTuning)
     """Limits of obstacles that have left the ultrasonic sensor's cone."""
-    follow: FollowTuning = FOLLOW_TUNING
+    follow: FollowTuning = field(default_factory=FollowTuning)
     """Gains and limits of wall following."""
     range_ahead: RangeAheadTuning = field(default_factory=RangeAheadTuning)
     """Filter of the ultrasonic range ahead."""

@@ -65,7 +65,7 @@ class FollowTuning:
     ``typical`` and ``harsh``.
     """
 
-    lookahead_m: float = 0.15
+    lookahead_m: float = 0.11
     """Distance ahead of the robot at which its heading meets the line to follow, m."""
     yaw_gain_s: float = 4.0
     """Gain from the heading error (rad) to the yaw rate (rad/s), 1/s."""
@@ -80,15 +80,17 @@ class FollowTuning:
     corner_gap_m: float = 0.005
     """Minimum gap with which the robot drives round a corner, m. The corner's position is known
     with this accuracy."""
-    stop_gap_m: float = 0.03
-    """Gap between the rim and a wall ahead at which the robot halts, m."""
+    stop_gap_m: float = 0.008
+    """Gap between the rim and a wall ahead at which the robot halts, m. The robot does not sweep
+    the floor beyond its stopping point, so it drives into inner corners."""
     jump_m: float = 0.02
     """Minimum difference between reading and prediction that means another surface, m."""
     gate_sigmas: float = 4.0
     """Maximum difference between reading and prediction on the same surface, in standard
     deviations of this difference. It is at least ``jump_m``."""
-    round_rad: float = math.radians(200.0)
-    """Turn round a corner after which the wall counts as lost if none was found, rad."""
+    round_rad: float = math.radians(420.0)
+    """Turn round a corner after which the wall counts as lost if none was found, rad. A table leg
+    is too thin for the infrared beam, so the robot follows it all around."""
     nudge_s: float = 0.5
     """Maximum time for which the followed wall may press a bumper switch, s. After this time the
     switch means an obstacle ahead."""

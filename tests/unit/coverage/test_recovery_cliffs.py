@@ -17,7 +17,7 @@ from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
 from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.motion.control.braking import Braking
-from bridge.motion.control.tuning import HIDDEN_TUNING
+from bridge.motion.control.hidden_ahead import HiddenAheadTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
 from bridge.motion.robot_model import RobotModel
@@ -117,7 +117,7 @@ def test_abandoned_targets_are_removed() -> None:
 def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool) -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
-    pace = memory.pace(Pose2(away_m, 0.0, 0.0), 0, BRAKE, HIDDEN_TUNING.touch_m_s)
+    pace = memory.pace(Pose2(away_m, 0.0, 0.0), 0, BRAKE, HiddenAheadTuning().touch_m_s)
     assert pace == pytest.approx(0.10 if slow else MODEL.max_speed_m_s)
 
 

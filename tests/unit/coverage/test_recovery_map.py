@@ -21,7 +21,7 @@ from bridge.coverage.recovery.evidence_kernels import (
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.braking import Braking
-from bridge.motion.control.tuning import HIDDEN_TUNING
+from bridge.motion.control.hidden_ahead import HiddenAheadTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
@@ -148,7 +148,7 @@ def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     for k in range(40):
         memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
-    pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HIDDEN_TUNING.touch_m_s)
+    pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HiddenAheadTuning().touch_m_s)
     assert memory.pace(pose, -1, *limits) == pytest.approx(MODEL.max_speed_m_s)
     assert memory.pace(pose, 0, *limits) < 0.2
     assert memory.pace(Pose2(0.3, 0.0, -0.5 * math.pi), 0, *limits) < 0.03

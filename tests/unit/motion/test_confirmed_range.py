@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.motion.control.confirmed_range import ConfirmedRange
-from bridge.motion.control.tuning import FOLLOW_TUNING
+from bridge.motion.control.wall_follow import FollowTuning
 
 STOP_M, MIN_M, STEP_S = 0.05, 0.002, 0.02
 
 
 def make() -> ConfirmedRange:
-    tune = FOLLOW_TUNING
+    tune = FollowTuning()
     return ConfirmedRange(STOP_M, held_s=tune.held_s, silent_s=tune.silent_s, leap_m=tune.leap_m)
 
 

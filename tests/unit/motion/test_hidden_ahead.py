@@ -7,15 +7,15 @@ import math
 import pytest
 
 from bridge.motion.control.braking import Braking
-from bridge.motion.control.hidden_ahead import HiddenAhead, contact_speed
-from bridge.motion.control.tuning import HIDDEN_TUNING, MotionTuning
+from bridge.motion.control.hidden_ahead import HiddenAhead, HiddenAheadTuning, contact_speed
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()
 DECEL = 0.3
 NOW = Braking(DECEL, 0.0)
 BRAKE = Braking(DECEL, MotionTuning().braking.lag_s)
-TOUCH_M_S = HIDDEN_TUNING.touch_m_s
+TOUCH_M_S = HiddenAheadTuning().touch_m_s
 
 
 def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
@@ -50,7 +50,7 @@ def drive(
 
 
 def test_a_leg_beside_the_beam_is_approached_slowly() -> None:
-    hidden = HiddenAhead(MODEL, BRAKE, HIDDEN_TUNING)
+    hidden = HiddenAhead(MODEL, BRAKE, HiddenAheadTuning())
     # At 8 cm from the axis, the leg leaves the cone 0.61 m before the sensor. The contact is 0.139
     # m ahead of the axle.
     speeds = drive(hidden, (1.2, 0.08), 1.2 - 0.139)
@@ -61,19 +61,19 @@ def test_a_leg_beside_the_beam_is_approached_slowly() -> None:
 
 
 def test_passed_obstacles_do_not_slow_it() -> None:
-    hidden = HiddenAhead(MODEL, BRAKE, HIDDEN_TUNING)
+    hidden = HiddenAhead(MODEL, BRAKE, HiddenAheadTuning())
     assert min(drive(hidden, (1.9, 0.20), 1.9)) == math.inf
 
 
 def test_an_echo_that_comes_back_is_not_hidden() -> None:
-    hidden = HiddenAhead(MODEL, BRAKE, HIDDEN_TUNING)
+    hidden = HiddenAhead(MODEL, BRAKE, HiddenAheadTuning())
     hidden.update(0.60, 0.0, 0.0)
     assert hidden.update(None, 0.01, 0.0) < math.inf  # the echo was lost at 0.59 m
     assert hidden.update(0.58, 0.01, 0.0) == math.inf
 
 
 def test_after_a_turn_its_position_is_unknown() -> None:
-    hidden = HiddenAhead(MODEL, BRAKE, HIDDEN_TUNING)
+    hidden = HiddenAhead(MODEL, BRAKE, HiddenAheadTuning())
     hidden.update(0.40, 0.0, 0.0)
     assert hidden.update(2.0, 0.01, 0.0) < math.inf
     assert hidden.update(2.01, 0.0, 0.2) == math.inf
@@ -81,7 +81,7 @@ def test_after_a_turn_its_position_is_unknown() -> None:
 
 @pytest.mark.parametrize(("aside_m", "released_m"), [(0.05, 0.134), (0.10, 0.096), (0.13, 0.046)])
 def test_a_missing_expected_contact_clears_the_obstacle(aside_m: float, released_m: float) -> None:
-    hidden = HiddenAhead(MODEL, BRAKE, HIDDEN_TUNING)
+    hidden = HiddenAhead(MODEL, BRAKE, HiddenAheadTuning())
     speeds = drive(hidden, (1.2, aside_m), 1.2)
     slow = [k for k, speed in enumerate(speeds) if speed < math.inf]
     # The obstacle is cleared 1 cm after the expected contact of a point 2 cm farther to the side:

@@ -13,7 +13,7 @@ from bridge.motion.control.executor import LegExecutor
 from bridge.motion.control.pid import PidGains
 from bridge.motion.control.point_to_point import BEARING_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
-from bridge.motion.control.tuning import FOLLOW_TUNING
+from bridge.motion.control.wall_follow import FollowTuning
 from bridge.motion.estimation.wall_track import TrackTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
@@ -32,7 +32,6 @@ from support.steering_response import (
 from support.step_response import DEAD_S
 
 if TYPE_CHECKING:
-    from bridge.motion.control.wall_follow import FollowTuning
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
@@ -99,14 +98,14 @@ def test_a_column_is_followed_at_the_set_distance(radius_m: float) -> None:
     assert abs(column_stand_off_m(MODEL, radius_m)) < 0.001
     # a filter that takes each wall for a straight one keeps away from the column
     straight = TrackTuning(bend_rad_m_sqrt_m=0.0, first_bend_rad_m=0.0)
-    assert column_stand_off_m(MODEL, radius_m, replace(FOLLOW_TUNING, track=straight)) > 0.004
+    assert column_stand_off_m(MODEL, radius_m, replace(FollowTuning(), track=straight)) > 0.004
 
 
 @pytest.mark.parametrize(
     ("tuning", "overshoot_m"),
     [
-        (replace(FOLLOW_TUNING, yaw_gain_s=2.0), 0.0035),
-        (replace(FOLLOW_TUNING, lookahead_m=0.06), 0.0045),
+        (replace(FollowTuning(), yaw_gain_s=2.0), 0.0035),
+        (replace(FollowTuning(), lookahead_m=0.06), 0.0045),
     ],
 )
 def test_a_slack_yaw_or_a_short_range_swings(tuning: FollowTuning, overshoot_m: float) -> None:
@@ -118,7 +117,7 @@ def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
     """Three times the dead time makes it swing: the yaw gain is therefore 4, not 8."""
     late_s = 3.0 * DEAD_S
     given = wall_step(MODEL, 0.02, dead_s=late_s)
-    stiff = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, yaw_gain_s=8.0), dead_s=late_s)
+    stiff = wall_step(MODEL, 0.02, replace(FollowTuning(), yaw_gain_s=8.0), dead_s=late_s)
     assert given.settled_s(WALL_BAND_M) * CRUISE_M_S < 0.9
     assert stiff.settled_s(WALL_BAND_M) == math.inf
 

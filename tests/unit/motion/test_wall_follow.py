@@ -14,7 +14,13 @@ from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.control.smoothing import VelocitySmoother
-from bridge.motion.control.wall_follow import FollowState, FollowStep, Side, WallFollower
+from bridge.motion.control.wall_follow import (
+    FollowState,
+    FollowStep,
+    FollowTuning,
+    Side,
+    WallFollower,
+)
 from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.estimation.wall_track import WallTrack, infrared_sigma_m
 from bridge.motion.geometry import Pose2
@@ -24,6 +30,8 @@ from support.kinematic_world import IDEAL, STEP_S, TYPICAL, KinematicWorld, Worl
 from support.observed import AT_REST
 
 MODEL = RobotModel()
+FAR = FollowTuning(lookahead_m=0.15, stop_gap_m=0.03, round_rad=math.radians(200.0))
+"""Tuning for a robot that keeps off obstacles, and gives up a corner earlier."""
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 RADIUS_M = MODEL.radius_m
 DEGREE = math.radians(1.0)
@@ -79,7 +87,7 @@ def follow(  # noqa: PLR0913 - a room, a start and a command
     plan = FloorPlan("t", HALL, obstacles, Pose2(*start))
     world = KinematicWorld(plan, model, random.Random(seed), noise)
     world.rest(1.0)
-    run = Followed(world, WallFollower(model, side, distance_m))
+    run = Followed(world, WallFollower(model, side, distance_m, tuning=FAR))
     smooth_v = VelocitySmoother(MODEL.max_accel_m_s2, 0.6)
     smooth_w = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
     obs = world.observe()
