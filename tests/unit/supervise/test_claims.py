@@ -54,9 +54,16 @@ def test_a_new_claim_is_not_checked_against_earlier_motion() -> None:
     assert device.found == []
 
 
-@pytest.mark.parametrize(("speed", "found"), [(0.0011, False), (0.0013, True), (-0.0013, True)])
-def test_a_turn_in_place_makes_no_way(speed: float, *, found: bool) -> None:
-    device = started("recovery")
+@pytest.mark.parametrize(
+    ("onboard", "speed", "found"),
+    [
+        *(("u-shape", 0.0011, False), ("u-shape", 0.0013, True), ("u-shape", -0.0013, True)),
+        # An arc of 1 rad on the radius W, 16 cm, is allowed too: 22 cm in a second.
+        *(("recovery", 0.0043, False), ("recovery", 0.0045, True), ("recovery", -0.0045, True)),
+    ],
+)
+def test_a_turn_makes_no_way_beyond_an_arc(onboard: str, speed: float, *, found: bool) -> None:
+    device = started(onboard)
     device.emit_state(planner(TURN))
     device.go(110, speed, rate=1.0)
     assert bool(device.found) is found
