@@ -8,6 +8,7 @@ from bridge.coverage.planner import PlannerReports
 from bridge.coverage.recovery.context import RecoveryContext
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
 
@@ -27,7 +28,8 @@ def context_at(
     """Begin a plan at an observation."""
     options = options or RecoveryOptions()
     chooser = Chooser(options)
-    return RecoveryContext.begin(model or RobotModel(), options, chooser, PlannerReports(), obs)
+    model, motion = model or RobotModel(), MotionTuning()
+    return RecoveryContext.begin(model, options, chooser, PlannerReports(), obs, motion)
 
 
 def kinds(context: RecoveryContext) -> list[str]:

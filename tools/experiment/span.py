@@ -42,7 +42,8 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
 
     """
     if trial.options:
-        return RecoveryPlanner(model, settings_of(trial.options).planner)
+        settings = settings_of(trial.options)
+        return RecoveryPlanner(model, settings.planner, motion=settings.motion)
     rng = random.Random(trial.seed)
     planner = make_planner(trial.planner, model, rng)
     if isinstance(planner, RandomPlanner):

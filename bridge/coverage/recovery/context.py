@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.geometry import PlannerGeometry
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.search import Chooser
+    from bridge.motion.control.tuning import MotionTuning
     from bridge.motion.geometry import Pose2
     from bridge.motion.legs import Leg
     from bridge.motion.observation import Observation
@@ -48,13 +49,14 @@ class RecoveryContext:
     """Number of searches that were started."""
 
     @classmethod
-    def begin(
+    def begin(  # noqa: PLR0913, PLR0917 - the parts of the planner
         cls,
         model: RobotModel,
         options: RecoveryOptions,
         chooser: Chooser,
         record: PlannerReports,
         obs: Observation,
+        motion: MotionTuning,
     ) -> RecoveryContext:
         """Begin a plan at the pose of ``obs`` with an empty map."""
         evidence, segments = EvidenceMap(model, options, obs.pose), WallSegments(options)
@@ -66,7 +68,7 @@ class RecoveryContext:
             record,
             segments,
             OccludedRegions(options, model.cleaning_width_m),
-            ObservationMonitor(model, options, evidence, record, segments, obs=obs),
+            ObservationMonitor(model, options, evidence, record, segments, obs=obs, motion=motion),
             StuckPolicy(options, evidence, record),
         )
 

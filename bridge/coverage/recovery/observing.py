@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.motion.control.braking import Braking
-from bridge.motion.control.tuning import MotionTuning
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerReports
     from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.wall_segments import WallSegments
+    from bridge.motion.control.tuning import MotionTuning
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
@@ -63,14 +63,15 @@ class ObservationMonitor:
         segments: WallSegments,
         *,
         obs: Observation,
+        motion: MotionTuning,
     ) -> None:
         """Start with the first observation of the plan."""
         self._model, self._options = model, options
         self._geometry = evidence.geometry
         self._map, self._record, self._segments = evidence, record, segments
-        tuning = MotionTuning()
-        self._brake = Braking(tuning.braking.share * model.max_accel_m_s2, tuning.braking.lag_s)
-        self._touch_m_s = tuning.hidden.touch_m_s
+        braking = motion.braking
+        self._brake = Braking(braking.share * model.max_accel_m_s2, braking.lag_s)
+        self._touch_m_s = motion.hidden.touch_m_s
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf

@@ -27,6 +27,7 @@ from bridge.coverage.recovery.context import RecoveryContext
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Choice, Chooser
 from bridge.coverage.recovery.stuck import Verdict
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.legs import Leg
 from bridge.motion.robot_model import LOST
 
@@ -59,11 +60,16 @@ class RecoveryPlanner(ScriptedPlanner):
         model: RobotModel,
         options: RecoveryOptions | None = None,
         behaviours: Behaviours | None = None,
+        motion: MotionTuning | None = None,
     ) -> None:
-        """Create a planner for a robot. The plan begins when ``start`` is called."""
+        """Create a planner for a robot. The plan begins when ``start`` is called.
+
+        ``motion`` is the tuning of the leg executor: the planner computes with its braking.
+        """
         super().__init__(model)
         self.options = (options or RecoveryOptions()).for_model(model)
         self._behaviours = behaviours or Behaviours()
+        self._motion = motion or MotionTuning()
         self._chooser = Chooser(self.options)
         self._context: RecoveryContext | None = None
 
@@ -90,7 +96,9 @@ class RecoveryPlanner(ScriptedPlanner):
 
     def script(self, obs: Observation) -> Script:
         """Return the plan from the pose in ``obs``."""
-        context = RecoveryContext.begin(self.model, self.options, self._chooser, self.record, obs)
+        context = RecoveryContext.begin(
+            self.model, self.options, self._chooser, self.record, obs, self._motion
+        )
         self._context = context
         heading_fix = self._behaviours.heading_fix()
         context.enter("approach")

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.planner import PlannerReports, Step
+from bridge.coverage.planner import Step
 from bridge.coverage.recovery.behaviours.u_turn import UTurn, offset
-from bridge.coverage.recovery.context import RecoveryContext
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.search import Choice, Chooser
+from bridge.coverage.recovery.search import Choice
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason, Turn
-from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import context_at
 
 if TYPE_CHECKING:
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Leg
 
 OPTIONS = RecoveryOptions()
@@ -28,13 +28,7 @@ def context(*, free_m: float = 0.3) -> RecoveryContext:
 
     The floor beyond ``free_m`` ahead is not swept.
     """
-    made = RecoveryContext.begin(
-        RobotModel(),
-        OPTIONS,
-        Chooser(OPTIONS),
-        PlannerReports(),
-        AT_REST._replace(pose=Pose2(0.0, 0.0, 0.0)),
-    )
+    made = context_at(AT_REST._replace(pose=Pose2(0.0, 0.0, 0.0)), options=OPTIONS)
     column, _ = made.map.to_cells(free_m, 0.0)
     made.map.swept[:, : int(column) + 1] = 1
     return made

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.estimation.drift_model import DriftModel
 from bridge.motion.estimation.wall_map import WallTuning
+from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 from tools.experiment.paired_differences import difference, matched
 from tools.experiment.sensitivity import sensitivity_table, sensitivity_trials
 from tools.experiment.settings import Settings, constants, groups, scaled, settings_of
+from tools.experiment.span import planner_of
 from tools.experiment.store import LINES, ExperimentFolderError
 from tools.experiment.trials import Trial, TrialKind
 from tools.experiment.version_comparison import (
@@ -134,6 +139,19 @@ def test_a_changed_constant_reaches_its_config_alone(name: str) -> None:
     group, _, field = name.partition(".")
     assert getattr(groups(changed)[group], field) == pytest.approx(value, rel=1e-5)
     assert settings_of("") == default
+
+
+def test_the_planner_computes_with_the_braking_of_the_executor() -> None:
+    """Ahead of a table leg the planner allows less speed if the wheels respond later."""
+    limits = []
+    for options in ("planner.tries=2", "braking.lag_s=0.3"):
+        planner = planner_of(Trial("empty", "recovery", "none", 0, options=options), RobotModel())
+        assert isinstance(planner, RecoveryPlanner)
+        planner.start(AT_REST)
+        planner.context.map.add_point(0.22, 0.0)
+        planner.observe(AT_REST)
+        limits.append(planner.speed_limit_m_s)
+    assert limits[1] < limits[0] < math.inf
 
 
 def test_trials_of_a_screening_are_the_defaults_and_each_change() -> None:
