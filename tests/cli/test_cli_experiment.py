@@ -238,7 +238,11 @@ def test_constants_are_screened_against_their_defaults(tmp_path: Path) -> None:
         (("compare", "--constants", "planner.tries"), "--constants needs sensitivity"),
         (("compare", "--factors", "2"), "--factors needs sensitivity"),
         (("sensitivity", "--planners", "paper"), "sensitivity runs recovery"),
-        (("sensitivity", "--constants", "planner.trie"), "planner.trie"),
+        (("sensitivity", "--constants", "planner.trie"), "did you mean planner.tries?"),
+        (
+            ("sensitivity", "--constants", "xyz"),
+            "xyz: no such key; known are bearing, braking, ",
+        ),
         (("sensitivity", "--factors", "0.7,x"), "'0.7,x' is not a list of factors"),
         (("sensitivity", "--factors", "0"), "'0' is not a list of factors"),
     ],

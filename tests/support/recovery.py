@@ -29,7 +29,7 @@ def context_at(
     options = options or RecoveryOptions()
     chooser = Chooser(options)
     model, motion = model or RobotModel(), MotionTuning()
-    return RecoveryContext.begin(model, options, chooser, PlannerReports(), obs, motion)
+    return RecoveryContext.begin(model, options, chooser, PlannerReports(), obs, motion=motion)
 
 
 def kinds(context: RecoveryContext) -> list[str]:

@@ -287,7 +287,10 @@ def _constants(names: list[str] | None) -> list[str]:
     for name in names or known:
         mine = [each for each in known if each == name or each.startswith(f"{name}.")]
         if not mine:
-            raise click.BadParameter(unknown_key("", name, known), param_hint="--constants")
+            group = name.partition(".")[0]
+            groups = {each.partition(".")[0] for each in known}
+            near = [each for each in known if each.startswith(f"{group}.")] or groups
+            raise click.BadParameter(unknown_key("", name, near), param_hint="--constants")
         found += mine
     return list(dict.fromkeys(found))
 

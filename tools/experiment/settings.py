@@ -10,11 +10,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.estimation.tuning import EstimationTuning
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_Config = TypeVar("_Config", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,26 +43,33 @@ def constants() -> dict[str, float]:
     return found
 
 
-def groups(config: Any) -> dict[str, Any]:  # noqa: ANN401 - any config dataclass
-    """Return the dataclasses within a config dataclass, also indirectly, by their groups."""
-    found: dict[str, Any] = {}
-    for each in dataclasses.fields(config):
-        value = getattr(config, each.name)
-        if dataclasses.is_dataclass(value):
-            found |= {each.name: value, **groups(value)}
+def inner(config: DataclassInstance) -> dict[str, DataclassInstance]:
+    """Return the dataclasses that are fields of a dataclass, by their names."""
+    values = {each.name: getattr(config, each.name) for each in dataclasses.fields(config)}
+    return {
+        name: value
+        for name, value in values.items()
+        if dataclasses.is_dataclass(value) and not isinstance(value, type)
+    }
+
+
+def groups(config: DataclassInstance) -> dict[str, DataclassInstance]:
+    """Return the dataclasses within a dataclass, also indirectly, by their groups."""
+    found = inner(config)
+    for value in list(found.values()):
+        found |= groups(value)
     return found
 
 
-def _changed(config: Any, group: str, change: dict[str, Any]) -> Any:  # noqa: ANN401 - as above
-    """Return a config dataclass with other values in one of its groups."""
-    inner = {}
-    for each in dataclasses.fields(config):
-        value = getattr(config, each.name)
-        if each.name == group:
-            inner[group] = dataclasses.replace(value, **change)
-        elif dataclasses.is_dataclass(value):
-            inner[each.name] = _changed(value, group, change)
-    return dataclasses.replace(config, **inner)
+def _changed(config: _Config, group: str, change: dict[str, float]) -> _Config:
+    """Return a dataclass with other values in one of its groups."""
+    changes: dict[str, Any] = {}
+    for name, value in inner(config).items():
+        is_group = name == group
+        changes[name] = (
+            dataclasses.replace(value, **change) if is_group else _changed(value, group, change)
+        )
+    return dataclasses.replace(config, **changes)
 
 
 def scaled(name: str, factor: float) -> float:

@@ -49,13 +49,14 @@ class RecoveryContext:
     """Number of searches that were started."""
 
     @classmethod
-    def begin(  # noqa: PLR0913, PLR0917 - the parts of the planner
+    def begin(  # noqa: PLR0913 - the parts of the planner
         cls,
         model: RobotModel,
         options: RecoveryOptions,
         chooser: Chooser,
         record: PlannerReports,
         obs: Observation,
+        *,
         motion: MotionTuning,
     ) -> RecoveryContext:
         """Begin a plan at the pose of ``obs`` with an empty map."""

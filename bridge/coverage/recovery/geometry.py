@@ -120,7 +120,7 @@ class PlannerGeometry:
     path_costs: tuple[int, ...]
     """Maximum path costs of the search, tried one after another (1100, 2600, unlimited)."""
     near_cost: float
-    """Maximum cost of a path that is not driven before a lane (40): a quarter of the footprint."""
+    """Path cost up to which a lane begins at the robot's place (40): half a radius."""
     turn_s_rad: float
     """Cost of a turn, s/rad (0.85)."""
     stop_s: float

@@ -58,8 +58,6 @@ class RecoveryOptions:
     """Distance from the driven path within which floor is assumed, m."""
     back_off_m: float = 0.015
     """Distance to back off after a contact, m."""
-    cliff_back_off_m: float = 0.03
-    """Distance to back off from a cliff, m. It is repeated until the sensor detects floor ahead."""
     fresh_share: float = 0.15
     """Unswept share of the strip ahead below which a perimeter pass ends."""
     min_area: float = 0.109375
@@ -71,7 +69,8 @@ class RecoveryOptions:
     rate is divided by 1 + ``ahead_patience`` * distance / width of the mouth. A mouth ahead of the
     axle leaves a small piece in each corner, and each piece needs a short lane."""
     near_radii: float = 0.5
-    """Length of a path that is not driven before a lane, in radii of the footprint."""
+    """Distance up to which a lane begins at the robot's place, in radii of the footprint. The
+    search then counts one turn, and no additional cost of transit."""
     near_rate: float = 3.0 / 7.0
     """Sweep rate at which the search ends with a choice, relative to a full lane."""
     hole_rate: float = 1.0 / 70.0
@@ -168,13 +167,16 @@ class RecoveryOptions:
     """Minimum unswept share of the floor in front of an obstacle whose perimeter is followed."""
     back_off_m_s: float = 0.05
     """Speed of backing off, m/s."""
+
+    # -- cliffs ----------------------------------------------------------------------------------
+    cliff_back_off_m: float = 0.03
+    """Distance to back off from a cliff, m. It is repeated until the sensor detects floor ahead."""
     max_backs: int = 5
     """Maximum number of times that the robot backs off from the same cliff."""
     cliff_clear_m: float = 0.05
     """Additional distance to back off from a cliff after the sensor detects floor, m. Between two
     of the light barriers, a cliff may come as near as 9 cm to the wheels. The outer barriers detect
     a cliff only at this distance. The additional distance keeps the wheels off the cliff."""
-
     known_floor_inside_m: float = 0.015
     """Difference between half the wheel base and the distance from the axle's path within which the
     floor is known to exist, m. The wheels drove on both sides of this floor."""

@@ -97,7 +97,7 @@ class RecoveryPlanner(ScriptedPlanner):
     def script(self, obs: Observation) -> Script:
         """Return the plan from the pose in ``obs``."""
         context = RecoveryContext.begin(
-            self.model, self.options, self._chooser, self.record, obs, self._motion
+            self.model, self.options, self._chooser, self.record, obs, motion=self._motion
         )
         self._context = context
         heading_fix = self._behaviours.heading_fix()

@@ -194,6 +194,8 @@ class WallFollower:
     ) -> None:
         """Follow a wall with the gap ``distance_m`` to the rim; 0: in light contact.
 
+        ``brake`` limits the speed ahead of an obstacle.
+
         Raises:
             ValueError: the distance is negative or beyond the sensor's range, or the speed is not
                 positive.

@@ -1,5 +1,5 @@
 cdef class Relocaliser:
-    cdef object _estimator, _grazing, _tuning
+    cdef object _estimator, _contact_tuning, _tuning
     cdef double _radius_m, _grazed_m, _pulse_s
     cdef object _ultrasonic, _graze_m, _near, _sides, _front, _echo_m
     cdef object _contact

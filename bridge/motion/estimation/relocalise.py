@@ -35,11 +35,11 @@ class Relocaliser:
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
         """Create an object that updates ``estimator``."""
         self._estimator = estimator
-        self._grazing = estimator.tuning.contact
+        self._contact_tuning = estimator.tuning.contact
         self._tuning = estimator.tuning.measurements
         self._ultrasonic = model.ultrasonic
         self._graze_m = tuple(
-            model.radius_m - abs(m.y_m) + self._grazing.graze_m
+            model.radius_m - abs(m.y_m) + self._contact_tuning.graze_m
             for m in (model.infrared_left, model.infrared_right)
         )
         self._radius_m = model.radius_m
@@ -76,7 +76,7 @@ class Relocaliser:
         up to 4 mm. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
         it, a mean age is used.
         """
-        estimator, tuning, contact = self._estimator, self._tuning, self._grazing
+        estimator, tuning, contact = self._estimator, self._tuning, self._contact_tuning
         grazing = any(
             near.take(r) < most
             for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)

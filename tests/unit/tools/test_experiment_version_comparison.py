@@ -16,7 +16,7 @@ from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
 from tools.experiment.paired_differences import difference, matched
 from tools.experiment.sensitivity import sensitivity_table, sensitivity_trials
-from tools.experiment.settings import Settings, constants, groups, scaled, settings_of
+from tools.experiment.settings import Settings, constants, groups, inner, scaled, settings_of
 from tools.experiment.span import planner_of
 from tools.experiment.store import LINES, ExperimentFolderError
 from tools.experiment.trials import Trial, TrialKind
@@ -29,6 +29,8 @@ from tools.experiment.version_comparison import (
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from _typeshed import DataclassInstance
 
 
 def row(room: str, mouth: float, time_ratio: float = 1.5, **more: object) -> dict[str, Any]:
@@ -123,6 +125,18 @@ def test_every_number_of_the_configs_is_a_constant() -> None:
     assert known["follow.lookahead_m"] == 0.11, "the value that the executor uses"
     assert "motion.follow" not in known
     assert "planner.looks_m" not in known
+
+
+def test_every_group_has_a_name_of_its_own() -> None:
+    """Of two groups with one name, a change would reach both."""
+
+    def named(config: DataclassInstance) -> list[str]:
+        found = list(inner(config))
+        return found + [name for value in inner(config).values() for name in named(value)]
+
+    names = named(Settings())
+    assert sorted(names) == sorted(groups(Settings()))
+    assert {"planner", "motion", "follow", "track", "walls", "frames"} <= set(names)
 
 
 def test_a_scaled_constant_stays_of_its_kind_and_changes() -> None:
