@@ -250,6 +250,9 @@ _UNITS = {
     "_deg_c": "°C",
     "_hz": "Hz",
     "_duty": "",
+    "_per_g": "/g",
+    "_per_deg_s": "/(°/s)",
+    "_per_k": "/K",
 }
 
 

@@ -6,14 +6,16 @@ import struct
 
 import pytest
 
-from bridge.session.monitor import Monitor, UnknownTypeError
+from bridge.session.monitor import Monitor, UnknownTypeError, as_text, texts
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
-from protocol.messages.device import Encoders, Hello, Sync
+from protocol.messages.device import Encoders, Hello, ImuInfo, Sync
 from protocol.messages.host import Stop
 from protocol.messages.values import StopCause
+from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
+from support.dissected import random_messages
 from support.reference_codec import cobs_encode, crc32
 from tools.live.monitor_view import MonitorLines
 
@@ -47,6 +49,19 @@ def test_a_message_is_reported_with_its_units_and_names() -> None:
         "ultrasonic_age=0.061s"
     )
     assert one.raw == bytes.fromhex("d20450ff053d")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_message_of_the_catalogue_is_shown(seed: int) -> None:
+    for spec, message in random_messages(seed):
+        shown = texts(spec, message)
+        assert [name for name, _, _ in shown] == [item.name for item in spec.fields]
+
+
+def test_a_scale_is_shown_with_its_unit() -> None:
+    scale = ImuInfo(163_840_000, 1_310_000, 3_400_000, 3_653)
+    shown = as_text(CATALOGUE.by_name["imu_info"], scale)
+    assert shown == "accel=16384/g gyro=131/(°/s) temperature=340/K zero=36.53°C"
 
 
 def test_both_directions_are_received_in_order() -> None:
