@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m soak.day --hours 24
 
-One clean follows another, each with its own faults (:mod:`soak.faults`), until the simulated hours
-have passed. The memory is measured after each clean; steady growth is a leak.
+One run follows another, each with its own faults (:mod:`soak.faults`), until the simulated hours
+have passed. The memory is measured after each run; steady growth is a leak.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--seed", type=int, default=10_000)
-    parser.add_argument("--longest-s", type=float, default=600.0, help="of one clean")
+    parser.add_argument("--longest-s", type=float, default=600.0, help="of one run")
     options = parser.parse_args()
     seed, bad = options.seed, 0
     begun_s = time.process_time()
