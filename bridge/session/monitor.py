@@ -226,7 +226,7 @@ def texts(spec: MessageSpec, message: Message) -> list[tuple[str, str, str]]:
     parts = []
     for item, raw in zip(spec.fields, message, strict=False):
         value = _value(item, raw)
-        unit = "" if item.si_suffix is None or value is None else _UNITS[item.si_suffix]
+        unit = "" if item.si_unit is None or value is None else item.si_unit.text
         if isinstance(value, list):
             shown = "|".join(value) or "-"
         elif value is None:
@@ -237,23 +237,6 @@ def texts(spec: MessageSpec, message: Message) -> list[tuple[str, str, str]]:
             shown = str(value)
         parts.append((item.name, shown, unit))
     return parts
-
-
-_UNITS = {
-    "_m": "m",
-    "_m_s": "m/s",
-    "_rad_s": "rad/s",
-    "_m_s2": "m/s²",
-    "_v": "V",
-    "_a": "A",
-    "_s": "s",
-    "_deg_c": "°C",
-    "_hz": "Hz",
-    "_duty": "",
-    "_per_g": "/g",
-    "_per_deg_s": "/(°/s)",
-    "_per_k": "/K",
-}
 
 
 def _value(item: Field, raw: Any) -> Any:  # noqa: ANN401 - number, text, list of labels or None

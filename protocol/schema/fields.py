@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 if TYPE_CHECKING:
     from enum import IntEnum
@@ -101,43 +101,59 @@ class Field:
         return self.scale != 1 or self.offset != 0
 
     @property
+    def si_unit(self) -> SiUnit | None:
+        """Unit of the SI property, or None if the raw value has no unit."""
+        return SI_UNITS.get(self.unit)
+
+    @property
     def si_suffix(self) -> str | None:
         """Suffix of the SI property's name, or None if the raw value has no unit."""
-        entry = SI_UNITS.get(self.unit)
-        return entry[0] if entry else None
+        unit = self.si_unit
+        return unit.suffix if unit else None
 
     @property
     def si_gain(self) -> float:
         """SI value of one raw step."""
-        return float(self.scale) * SI_UNITS[self.unit][1]
+        return float(self.scale) * SI_UNITS[self.unit].factor
 
     @property
     def si_offset(self) -> float:
         """SI value at raw zero."""
-        return float(self.offset) * SI_UNITS[self.unit][1]
+        return float(self.offset) * SI_UNITS[self.unit].factor
 
     def named(self, name: str) -> Field:
         """Return a copy of the declaration with the field's name."""
         return replace(self, name=name)
 
 
-SI_UNITS: dict[str, tuple[str, float]] = {
-    "m": ("_m", 1.0),
-    "m/s": ("_m_s", 1.0),
-    "rad/s": ("_rad_s", 1.0),
-    "m/s2": ("_m_s2", 1.0),
-    "deg/s": ("_rad_s", math.pi / 180.0),
-    "V": ("_v", 1.0),
-    "A": ("_a", 1.0),
-    "s": ("_s", 1.0),
-    "degC": ("_deg_c", 1.0),
-    "Hz": ("_hz", 1.0),
-    "duty": ("_duty", 1.0),
-    "count/g": ("_per_g", 1.0),
-    "count/(deg/s)": ("_per_deg_s", 1.0),
-    "count/K": ("_per_k", 1.0),
+class SiUnit(NamedTuple):
+    """The SI unit for a physical unit of the wire."""
+
+    suffix: str
+    """End of the SI property's name."""
+    factor: float
+    """SI value of one physical unit of the wire."""
+    text: str
+    """The unit as people read it, after the number."""
+
+
+SI_UNITS: dict[str, SiUnit] = {
+    "m": SiUnit("_m", 1.0, "m"),
+    "m/s": SiUnit("_m_s", 1.0, "m/s"),
+    "rad/s": SiUnit("_rad_s", 1.0, "rad/s"),
+    "m/s2": SiUnit("_m_s2", 1.0, "m/s²"),
+    "deg/s": SiUnit("_rad_s", math.pi / 180.0, "rad/s"),
+    "V": SiUnit("_v", 1.0, "V"),
+    "A": SiUnit("_a", 1.0, "A"),
+    "s": SiUnit("_s", 1.0, "s"),
+    "degC": SiUnit("_deg_c", 1.0, "°C"),
+    "Hz": SiUnit("_hz", 1.0, "Hz"),
+    "duty": SiUnit("_duty", 1.0, ""),
+    "count/g": SiUnit("_per_g", 1.0, "/g"),
+    "count/(deg/s)": SiUnit("_per_deg_s", 1.0, "/(°/s)"),
+    "count/K": SiUnit("_per_k", 1.0, "/K"),
 }
-"""Suffix and SI factor for each physical unit of the wire."""
+"""SI unit for each physical unit of the wire."""
 
 PLAIN_UNITS = frozenset(
     {"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid", "raw"}

@@ -92,14 +92,14 @@ def random_run(seed: int) -> Run:
     report, regions = meter.measure(run.poses), meter.regions
     unswept = regions.passing & ~np.isfinite(report.first_swept_s)
     return Run(
-        seed,
-        kind,
-        model,
-        run.finish_reason,
-        report.coverage.mouth_passing,
-        report.path_ratio,
-        report.time_ratio,
-        largest_hole(regions.raster, unswept)[1],
+        seed=seed,
+        kind=kind,
+        model=model,
+        finish_reason=run.finish_reason,
+        mouth_passing=report.coverage.mouth_passing,
+        path_ratio=report.path_ratio,
+        time_ratio=report.time_ratio,
+        hole_m=largest_hole(regions.raster, unswept)[1],
     )
 
 

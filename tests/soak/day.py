@@ -51,7 +51,10 @@ def main() -> int:
             gc.collect()
             hours = curve[-1][0] + max(result.simulated_s, 1.0) / 3600.0
             if int(hours) > int(curve[-1][0]):
-                print(f"hour {int(hours)}, {seed - options.seed} runs, {resident_mb():.0f} MB")
+                print(
+                    f"hour {int(hours)}, {seed - options.seed} runs, {resident_mb():.0f} MB, "
+                    f"{len(gc.get_objects())} objects"
+                )
                 sys.stdout.flush()
             curve.append((hours, resident_mb()))
     except KeyboardInterrupt:
