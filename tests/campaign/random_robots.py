@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import signal
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -114,18 +115,29 @@ def row(name: str, runs: Sequence[Run]) -> str:
     )
 
 
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def main() -> int:
-    """Run the robots and print the table."""
+    """Run the robots and print the table; after Ctrl-C, the table of the runs that are done."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=200, help="robots; their seeds are 0, 1, ...")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
     options = parser.parse_args()
+    if options.count < 1:
+        parser.error("--count must be 1 or more")
     runs: list[Run] = []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for run in pool.map(random_run, range(options.count)):
-            runs.append(run)
-            print(f"\r{len(runs)} of {options.count}", end="", file=sys.stderr)
+    with ProcessPoolExecutor(options.jobs, initializer=_ignore_interrupts) as pool:
+        try:
+            for run in pool.map(random_run, range(options.count)):
+                runs.append(run)
+                print(f"\r{len(runs)} of {options.count}", end="", file=sys.stderr)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
     print(file=sys.stderr)
+    if not runs:
+        return 1
     print("| kind | runs | ended | mean % | worst % | length | time | with a hole |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for kind in KINDS:
@@ -137,7 +149,7 @@ def main() -> int:
             share = 100.0 * run.mouth_passing
             widths = run.hole_m / run.model.cleaning_width_m
             print(f"seed {run.seed}: {share:.2f} %, hole {widths:.2f} widths, {run.finish_reason}")
-    return 0
+    return 0 if len(runs) == options.count else 1
 
 
 if __name__ == "__main__":
