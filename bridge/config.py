@@ -14,15 +14,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ConfigError
 from bridge.files import open_to_read
-from bridge.motion.robot_model import LOST, RangerMount, RobotModel
+from bridge.motion.robot_model import MISSING_SENSOR_EFFECTS, RangerMount, RobotModel
 from bridge.supervise.settings import PREFIX as SUPERVISE
 from bridge.supervise.settings import Level, SuperviseSettings, settings_from
-from bridge.validation import as_toml, fill
+from bridge.validation import as_toml, fill, load_toml
 
 if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
@@ -75,12 +74,12 @@ def robot_cautions(model: RobotModel) -> list[str]:
             f"{1000 * outside_m:.0f} mm outside the footprint; they hit walls before the hull does"
         )
     found += [
-        f"{name}.fitted: without this sensor {LOST[name]}"
+        f"{name}.fitted: without this sensor {MISSING_SENSOR_EFFECTS[name]}"
         for name, mount in model.rangers.items()
         if not mount.fitted
     ]
     for name, mount in model.fitted_rangers.items():
-        overhang_m = mount.center_distance_m - radius_m
+        overhang_m = mount.centre_distance_m - radius_m
         hull_m = mount.hull_distance_m(radius_m)
         if overhang_m > ROUNDING_M:
             found.append(
@@ -110,7 +109,7 @@ def load_supervise(path: Path | None) -> SuperviseSettings:
 
     """
     _, text = load_robot(path)
-    return settings_from(_tables(text).get(SUPERVISE, {}))
+    return settings_from(load_toml(text).get(SUPERVISE, {}))
 
 
 def parse_robot(text: str) -> RobotModel:
@@ -121,7 +120,7 @@ def parse_robot(text: str) -> RobotModel:
             cannot work. The error text lists all errors.
 
     """
-    data = _tables(text)
+    data = load_toml(text)
     problems: list[str] = []
     try:
         # an invalid rule must be reported before the run, not during the run
@@ -173,7 +172,7 @@ def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
     )
     for name, mount in model.fitted_rangers.items():
         place = (f"{name}.x_m", f"{name}.y_m", name, diameter)
-        out_m = mount.center_distance_m
+        out_m = mount.centre_distance_m
         check(
             out_m <= (1.0 + MAX_OVERHANG) * radius_m,
             place,
@@ -195,13 +194,6 @@ def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
         }[name]
         check(share > 0.0, yaw, f"{name}.yaw_rad: {mount.yaw_rad:g} does not face {direction}")
     return found
-
-
-def _tables(text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a ValueError
-        raise ConfigError(f"not valid TOML: {error}") from None
 
 
 def to_toml(model: RobotModel) -> str:
@@ -236,7 +228,10 @@ def template() -> str:
             tables += _explained(value)
         else:
             plain.append(_line(field, value))
-    tables += ["", "# Rules that watch a run; remove the # of what you change, and of its table."]
+    tables += [
+        "",
+        "# Rules that watch a run; uncomment what you change, and the header of its table.",
+    ]
     tables.append(f"# [{SUPERVISE}]")
     tables += [f"# {line}" for line in _explained(rules)]
     for name, rule in rules.rules.items():

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+
+class ExitStatus(IntEnum):
+    """Exit status of a command, and of a run's end."""
+
+    SUCCESS = 0
+    FAILURE = 1
+    """The command failed, or a run reached its time limit."""
+    USAGE = 2
+    """An argument or a settings file is wrong."""
+    NO_DEVICE = 3
+    """The port cannot be used, or the device does not answer or is lost."""
+    REJECTED = 4
+    """The device or another process rejected a command, or the device is incompatible."""
+    STOPPED = 5
+    """The robot was stopped for safety."""
 
 
 class Remedy(Enum):
@@ -29,7 +45,7 @@ class Remedy(Enum):
 class BridgeError(Exception):
     """Base class of all errors that the host raises itself."""
 
-    exit_status = 1
+    exit_status: int = ExitStatus.FAILURE
     remedy: Remedy | None = None
     """Remedy for the error, if any."""
 
@@ -46,7 +62,7 @@ class BridgeError(Exception):
 class ConfigError(BridgeError):
     """A settings file cannot be used. The text lists every wrong key."""
 
-    exit_status = 2
+    exit_status: int = ExitStatus.USAGE
 
     def __init__(self, *problems: str, source: str = "") -> None:
         """Store the errors.
@@ -77,13 +93,13 @@ def together(problems: Sequence[str]) -> str:
 class ArgumentError(BridgeError, ValueError):
     """An argument has the wrong type or range. The text has its name, value and valid values."""
 
-    exit_status = 2
+    exit_status: int = ExitStatus.USAGE
 
 
 class ParameterError(BridgeError):
     """A parameter is unknown, or does not accept a value."""
 
-    exit_status = 2
+    exit_status: int = ExitStatus.USAGE
 
 
 class OutputExistsError(BridgeError):
@@ -102,7 +118,7 @@ class OutputExistsError(BridgeError):
 class PortError(BridgeError):
     """The port cannot be opened or is gone."""
 
-    exit_status = 3
+    exit_status: int = ExitStatus.NO_DEVICE
 
 
 class PortBusyError(PortError):
@@ -122,9 +138,9 @@ class NoOwnerError(PortError):
 class OwnerRejectedError(BridgeError):
     """The process that owns the port rejected the request."""
 
-    exit_status = 4
+    exit_status: int = ExitStatus.REJECTED
 
-    def __init__(self, reason: str, exit_status: int = 4) -> None:
+    def __init__(self, reason: str, exit_status: int = ExitStatus.REJECTED) -> None:
         super().__init__(reason)
         self.exit_status = exit_status
 
@@ -136,23 +152,36 @@ class NoDeviceError(PortError):
 class SeveralDevicesError(NoDeviceError):
     """Several devices answer on a bus, and no node was selected."""
 
-    exit_status = 2
+    exit_status: int = ExitStatus.USAGE
 
 
 class DeviceLostError(PortError):
     """The device became silent or its port disappeared, and it did not return."""
 
 
+class NoAnswerError(DeviceLostError):
+    """The device did not answer a command.
+
+    A device ignores commands that another key signed, so the exit status of a signed command is 4.
+    """
+
+    def __init__(self, command: str, *, signed: bool) -> None:
+        cause = "that the key is the device's key" if signed else "the link"
+        super().__init__(f"the device did not answer {command}; check {cause}")
+        if signed:
+            self.exit_status = ExitStatus.REJECTED
+
+
 class IncompatibleError(BridgeError):
     """The device is incompatible or rejects the host."""
 
-    exit_status = 4
+    exit_status: int = ExitStatus.REJECTED
 
 
 class CommandRejectedError(BridgeError):
     """The device rejected a command."""
 
-    exit_status = 4
+    exit_status: int = ExitStatus.REJECTED
 
     def __init__(self, command: str, reason: str) -> None:
         super().__init__(f"the device rejected {command}: {reason}")
@@ -163,7 +192,7 @@ class CommandRejectedError(BridgeError):
 class KeyExposedError(BridgeError):
     """A key would be sent over a connection that others can read."""
 
-    exit_status = 2
+    exit_status: int = ExitStatus.USAGE
 
     def __init__(self, port: str) -> None:
         super().__init__(
@@ -176,7 +205,7 @@ class KeyExposedError(BridgeError):
 class StoppedForSafetyError(BridgeError):
     """The robot is stopped, and a person must clear the stop."""
 
-    exit_status = 5
+    exit_status: int = ExitStatus.STOPPED
 
 
 _SHOWN_BITS = 128

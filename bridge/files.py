@@ -6,7 +6,7 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from typing import BinaryIO
@@ -52,9 +52,21 @@ def check_target(path: Path) -> None:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         return
-    if stat.S_ISCHR(found.st_mode) and _keeps_nothing(found.st_rdev):
-        return
-    _check_regular(path, found.st_mode)
+    if not _keeps_nothing(found):
+        _check_regular(path, found.st_mode)
+
+
+def writing_mode(path: Path, *, force: bool) -> Literal["wb", "xb"]:
+    """Return the mode that creates a file, and replaces one only with ``force``.
+
+    /dev/null always exists and has nothing to replace.
+
+    Raises:
+        OSError: as for :func:`check_target`.
+
+    """
+    check_target(path)
+    return "wb" if force or path.is_char_device() else "xb"
 
 
 def cause(path: Path, error: OSError) -> str:
@@ -64,10 +76,11 @@ def cause(path: Path, error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def _keeps_nothing(device: int) -> bool:
+def _keeps_nothing(found: os.stat_result) -> bool:
     """Return True for /dev/null and related devices, which drop or reject all bytes."""
     try:
-        return os.major(device) == os.major(Path(os.devnull).stat().st_rdev)
+        null = Path(os.devnull).stat().st_rdev
+        return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) == os.major(null)
     except (OSError, AttributeError):  # Windows
         return False
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import tomllib
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from bridge.errors import ConfigError, shown
@@ -21,6 +22,21 @@ if TYPE_CHECKING:
 MAX_TEXT = 64
 """Maximum length of a text, characters."""
 _T = TypeVar("_T", bound="DataclassInstance")
+
+
+def load_toml(text: str, source: str = "") -> dict[str, Any]:
+    """Read a TOML text.
+
+    Raises:
+        ConfigError: the text is not TOML; the error starts with ``source``, the name of the file.
+
+    """
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"not valid TOML: {error}", source=source) from None
+    except ValueError:  # Python limits the digits of an integer
+        raise ConfigError("not valid TOML: a number has too many digits", source=source) from None
 
 
 def fill(

@@ -178,7 +178,7 @@ static void take_setpoint(const sp_velocity_setpoint_t *setpoint, int32_t extra_
 
 /* ---- commands ------------------------------------------------------------------------------- */
 
-static bool refuse(uint8_t why, uint8_t *reason)
+static bool reject(uint8_t why, uint8_t *reason)
 {
     *reason = why;
     return false;
@@ -189,14 +189,14 @@ static bool carry_out(const sp_frame_t *frame, uint8_t *reason)
     sp_clear_stop_t clear;
     sp_set_mode_t set;
     if (!device.negotiated) {
-        return refuse(SP_NACK_REASON_NO_SESSION, reason);
+        return reject(SP_NACK_REASON_NO_SESSION, reason);
     }
     if (frame->type == SP_TYPE_CLEAR_STOP) {
         if (!sp_clear_stop_decode(&clear, frame->payload, frame->length)) {
-            return refuse(SP_NACK_REASON_BAD_VALUE, reason);
+            return reject(SP_NACK_REASON_BAD_VALUE, reason);
         }
         if (device.stop_cause != SP_STOP_CAUSE_NONE && device.stop_cause != clear.cause) {
-            return refuse(SP_NACK_REASON_OTHER_CAUSE, reason);
+            return reject(SP_NACK_REASON_OTHER_CAUSE, reason);
         }
         device.stop_cause = SP_STOP_CAUSE_NONE;
         return true;
@@ -204,16 +204,16 @@ static bool carry_out(const sp_frame_t *frame, uint8_t *reason)
     if (frame->type == SP_TYPE_SET_MODE) {
         if (!sp_set_mode_decode(&set, frame->payload, frame->length)
             || (set.mode != SP_MODE_IDLE && set.mode != SP_MODE_VELOCITY)) {
-            return refuse(SP_NACK_REASON_BAD_VALUE, reason);
+            return reject(SP_NACK_REASON_BAD_VALUE, reason);
         }
         if (set.mode != SP_MODE_IDLE && device.stop_cause != SP_STOP_CAUSE_NONE) {
-            return refuse(SP_NACK_REASON_STOP_LATCHED, reason);
+            return reject(SP_NACK_REASON_STOP_LATCHED, reason);
         }
         device.mode = set.mode;
         release_motion();
         return true;
     }
-    return refuse(SP_NACK_REASON_UNSUPPORTED, reason);
+    return reject(SP_NACK_REASON_UNSUPPORTED, reason);
 }
 
 static void answer(const reply_t *reply, uint32_t now_us)

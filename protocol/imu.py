@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 G_M_S2 = Fraction("9.80665")
 """Standard gravity, m/s² (CGPM 1901)."""
+GRAVITY_M_S2 = float(G_M_S2)
+"""Standard gravity as a float, m/s²."""
 _INFO = CATALOGUE.spec(ImuInfo).fields
 _IMU = CATALOGUE.spec(Imu).fields
 _TEMPERATURE = 3
@@ -77,6 +80,12 @@ NOMINAL = ImuScale(
     _IMU[_TEMPERATURE].offset,
 )
 """Nominal scale in the catalogue: an MPU6050 at ±2 g and ±250 °/s."""
+NOMINAL_G_LSB = float(NOMINAL.per_g)
+"""Nominal number of counts per g."""
+NOMINAL_DEG_S_LSB = float(NOMINAL.per_deg_s)
+"""Nominal number of counts per °/s."""
+NOMINAL_GYRO_RAD_S = math.radians(1.0 / NOMINAL_DEG_S_LSB)
+"""Nominal gyro scale, rad/s per count."""
 
 
 class ImuReader:

@@ -18,16 +18,19 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 FIRST_TIMEOUT_US = 100_000
+"""Timeout before the first measured round trip, µs."""
 MIN_TIMEOUT_US = 20_000
 """Minimum timeout, µs. It exceeds the 16 ms latency timer of an FTDI adapter; a shorter timeout
 would send every command twice."""
 MAX_TIMEOUT_US = 1_000_000
+"""Maximum timeout, µs, also after doubling."""
 STOP_REPEAT_US = 25_000
 """Repetition interval of an unanswered stop, µs; constant, without backoff."""
 MAX_TRIES = 6
 """Maximum number of transmissions of a command. The timeout starts at 20 ms or more and doubles, so
 all attempts together take more than a second."""
 REMEMBERED = 16
+"""Number of recent commands whose replies a device stores, to repeat them."""
 _HALF = 0x8000
 """Half the range of command ids, which wrap at 16 bits. An id that is less than this behind another
 id is older (RFC 1982)."""

@@ -11,7 +11,7 @@ from bridge.errors import BridgeError, NoOwnerError, shown
 from bridge.io import clock
 from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending
-from bridge.run.snapshot import snapshot
+from bridge.run.snapshot import snapshot_to_dict
 from protocol.messages.values import StopCause
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class OwnerService:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the robot's current state for JSON."""
-        return snapshot(self._pump.snapshot, clock.now() / 1e9)
+        return snapshot_to_dict(self._pump.snapshot, clock.now() / 1e9)
 
     def dashboard(self) -> dict[str, Any]:
         """Return all variable data of a dashboard, for JSON."""

@@ -121,7 +121,8 @@ class Pump:
 
         An exception in the loop ends the run as a fault. A stop is sent and repeated until the
         device confirms it, for 1 s at most. :attr:`crash` contains the exception, and the log
-        contains its traceback. Only an interpreter exit is raised again.
+        contains its traceback. An exception that is not an :class:`Exception`
+        (``KeyboardInterrupt``, ``SystemExit``) is raised again.
         """
         try:
             self.host.open(clock.now())

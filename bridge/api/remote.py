@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-class Reached(Protocol):
+class ReachableRobot(Protocol):
     """Operations of a robot, both in this process and in another process."""
 
     def list_parameters(self) -> list[Parameter]:
@@ -69,7 +69,7 @@ def reach(  # noqa: PLR0913 - the options of a port
     bitrate: int | None = None,
     lan: bool = False,
     key: bytes | None = None,
-) -> Reached:
+) -> ReachableRobot:
     """Connect to the robot on a port: through its owner, or by opening the port.
 
     The options are the same as in :func:`bridge.open`. They apply to a port without an owner.

@@ -53,7 +53,7 @@ from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending, cannot_move
 from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
-from bridge.run.snapshot import MissionSnapshot, Snapshot, StateSnapshot, snapshot
+from bridge.run.snapshot import MissionSnapshot, Snapshot, StateSnapshot, snapshot_to_dict
 from bridge.run.summary import run_summary
 from bridge.session.records import RunInfo
 from bridge.session.states import State
@@ -317,7 +317,7 @@ class Robot:
             force: Overwrite an existing file.
 
         Raises:
-            LogExistsError: the file exists, and ``force`` is False.
+            OutputExistsError: the file exists, and ``force`` is False.
             LogWriteError: the file cannot be opened or written.
             ConfigError: ``robot_toml`` is not a valid robot file.
 
@@ -381,7 +381,7 @@ class Robot:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the robot's current state for JSON."""
-        return snapshot(self._pump.snapshot, clock.now() / 1e9)
+        return snapshot_to_dict(self._pump.snapshot, clock.now() / 1e9)
 
     @arguments.checked(timeout_s=arguments.SECONDS)
     def wait_for_status(self, timeout_s: float = STATUS_TIMEOUT_S) -> Status:

@@ -235,7 +235,7 @@ class BringUp:
         return [(t_s, _sample(m)) for t_s, m in kept if isinstance(m, Imu)]
 
     def _by_hand(
-        self, step: str, text: str, wanted: str, least: float, motion: _Rotation | _Tilt
+        self, step: str, text: str, wanted: str, minimum: float, motion: _Rotation | _Tilt
     ) -> CheckResult:
         if not self._person.confirm(f"{text} Ready (no: skip)?"):
             return left_out(step, "skipped")
@@ -248,11 +248,11 @@ class BringUp:
                 if isinstance(message, Imu):
                     motion.add(t_s, _sample(message))
             taken = len(kept)
-            return abs(strongest(motion.values).value) >= least
+            return abs(strongest(motion.values).value) >= minimum
 
         self._session.run(HAND_S, answered)
         self._session.unwatch(kept)
-        return judge_axis(step, motion.values, wanted, least)
+        return judge_axis(step, motion.values, wanted, minimum)
 
     # ---- sensors --------------------------------------------------------------------------
 

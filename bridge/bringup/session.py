@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 CYCLE_NS = 20_000_000
 """Period of repeated velocities and duties, ns. It is the catalogue's default of 50 Hz."""
 TTL_MS = 200
+"""Time to live of a repeated velocity or duty, ms: ten periods of repetition."""
 CONFIRM_S = 1.0
 """Maximum wait for the confirmation of a stop, s. It is the same as at a run's end."""
 ANSWER_S = 8.0
@@ -56,6 +57,8 @@ erase."""
 STALE_S = 0.3
 """Age of an encoder reading at which a motion is stopped, s. It is fifteen periods of the
 readings."""
+_NEWEST_S = 3.0
+"""Maximum wait for the first message of a kind, s."""
 LINK_S = 4.0
 """Maximum time until the link counts as fast enough for the first motion, s; four pings take 0.4 s.
 """
@@ -280,14 +283,14 @@ class BringupSession:
         """The newest message of a kind."""
         return found if isinstance(found := self.newest.get(kind), kind) else None
 
-    def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
+    def await_newest(self, kind: type[M]) -> M:
         """Return the newest message of a kind; wait if there is none yet.
 
         Raises:
             DeviceLostError: no such message arrived.
 
         """
-        self.run(timeout_s, lambda: kind in self.newest)
+        self.run(_NEWEST_S, lambda: kind in self.newest)
         found = self.latest(kind)
         if found is None:
             raise DeviceLostError(f"no {kind.__name__.lower()} data from the device")

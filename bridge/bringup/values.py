@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import struct
 from typing import TYPE_CHECKING, NamedTuple
 
 import tomlkit
@@ -12,6 +11,7 @@ from tomlkit.exceptions import TOMLKitError
 from bridge.config import parse_robot
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount
+from protocol.parameter_values import rounded_f32
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -30,7 +30,6 @@ _SUFFIX = {
     "": "",
 }
 """Map of a parameter's unit to the suffix of the robot file's key."""
-_F32 = struct.Struct("<f")
 
 
 class ParameterDifference(NamedTuple):
@@ -79,8 +78,7 @@ def differences(parameters: Sequence[Parameter], model: RobotModel) -> list[Para
 
 def _same(parameter: Parameter, wanted: float) -> bool:
     if parameter.kind == "f32":
-        rounded: float = _F32.unpack(_F32.pack(wanted))[0]
-        return rounded == parameter.value
+        return rounded_f32(wanted) == parameter.value
     return wanted == parameter.value
 
 

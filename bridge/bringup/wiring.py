@@ -12,7 +12,9 @@ from itertools import pairwise
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.bringup.gyro import REST_RAD_S
 from bridge.motion.estimation.odometry import encoder_delta
+from protocol.imu import GRAVITY_M_S2
 from protocol.messages.device import Encoders
 
 if TYPE_CHECKING:
@@ -20,12 +22,9 @@ if TYPE_CHECKING:
 
     from protocol.schema.message import Message
 
-GRAVITY_M_S2 = 9.80665
 GRAVITY_OFF_M_S2 = 1.0
 """Maximum normal error of gravity, m/s². It is 0.1 g, for the sensor's offset and a tilted
 stand."""
-GYRO_REST_RAD_S = math.radians(20.0)
-"""Maximum gyro rate at standstill, rad/s (data sheet PS-MPU-6000A-00, section 6.1)."""
 MIN_COUNTS = 30
 """Minimum count that shows a turning wheel. A kick gives hundreds of counts; vibration gives a
 few."""
@@ -268,7 +267,7 @@ def judge_rest(samples: Sequence[ImuSample]) -> list[CheckResult]:
         found.append(_judge_up(accel, shown))
     fastest = max(range(3), key=lambda i: abs(gyro[i]))
     rate = math.degrees(gyro[fastest])
-    if abs(gyro[fastest]) > GYRO_REST_RAD_S:
+    if abs(gyro[fastest]) > REST_RAD_S:
         text = f"{_AXES[fastest]} reads {rate:+.1f} °/s at standstill"
         advice = "check that the robot does not move, and the scale of the gyro; else replace it"
         found.append(wrong("imu rates", text, advice))
@@ -319,10 +318,10 @@ def strongest(values: Sequence[float]) -> Axis:
     return Axis(_AXES[axis], values[axis])
 
 
-def judge_axis(step: str, values: Sequence[float], wanted: str, least: float) -> CheckResult:
-    """Check which axis responded to a motion by hand; ``least`` is the minimum response."""
+def judge_axis(step: str, values: Sequence[float], wanted: str, minimum: float) -> CheckResult:
+    """Check which axis responded to a motion by hand; ``minimum`` is the minimum response."""
     axis = strongest(values)
-    if abs(axis.value) < least:
+    if abs(axis.value) < minimum:
         return left_out(step, "no motion was measured")
     if axis.signed == wanted:
         return good(step, f"{wanted} responds")

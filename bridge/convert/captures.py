@@ -20,6 +20,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogReadError
 from bridge.record.log_writer import RunWriter
 from bridge.record.names import readable_name
+from bridge.record.reader import LATEST_NS
 from bridge.session.records import RunInfo
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
@@ -45,8 +46,6 @@ _STANDARD_DIGITS = 3
 _MAX_CLASSIC = 8
 _SHORTEST = 1 + HEADER.size + CRC.size + 1
 """Minimum size of a frame, bytes. It is the sum of COBS byte, header, CRC and zero."""
-_LATEST_NS = (1 << 63) - 1
-"""Maximum time that MCAP readers support, ns."""
 MAX_LINE = 512
 """Maximum length of a candump line, bytes. A classic frame needs about 100 bytes."""
 
@@ -118,7 +117,7 @@ def _candump(path: Path) -> Iterator[_Piece]:
             if remote:
                 can_id |= _REMOTE
             host_ns = int(seconds) * _SECOND_NS + int(fraction.ljust(9, b"0"))
-            if host_ns <= _LATEST_NS:
+            if host_ns <= LATEST_NS:
                 yield _Piece(host_ns, RECORD.pack(can_id, len(data), data))
 
 

@@ -159,13 +159,41 @@ def _ros_yaml(path: Path) -> _RosMap:
     except ImportError:
         raise MapsMissingError from None
     try:
-        data = yaml.safe_load(_content(path))
+        data = yaml.load(_content(path), Loader=_yaml_loader(yaml))  # noqa: S506 - a safe loader
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        first = str(error).splitlines()[0]
-        raise FloorPlanError(f"{path} is not valid YAML: {first}") from None
+        raise FloorPlanError(f"{path} is not valid YAML: {_yaml_problem(error)}") from None
     if not isinstance(data, dict):
         raise FloorPlanError(f"{path}: must be a map with the keys image, resolution and origin")
     return _ros_keys(path, data)
+
+
+def _yaml_loader(yaml: Any) -> Any:  # noqa: ANN401 - untyped
+    """Return a safe loader whose only errors are those of YAML.
+
+    PyYAML raises a ValueError for the date 2020-13-45 and for the number 0x_, among others.
+    """
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]  # an optional dependency
+        def construct_object(self, node: Any, deep: bool = False) -> Any:  # noqa: ANN401, FBT001, FBT002 - its interface
+            try:
+                return super().construct_object(node, deep)
+            except (ValueError, LookupError, TypeError, AttributeError):
+                value = getattr(node, "value", "")
+                problem = f"{value!r:.40} is no {node.tag.rpartition(':')[2]}"
+                raise yaml.constructor.ConstructorError(
+                    None, None, problem, node.start_mark
+                ) from None
+
+    return Loader
+
+
+def _yaml_problem(error: Exception) -> str:
+    """Return the problem and its line, in one line."""
+    problem = getattr(error, "problem", None)
+    mark = getattr(error, "problem_mark", None)
+    if problem is None or mark is None:
+        return str(error).splitlines()[0]
+    return f"line {mark.line + 1}: {problem}"
 
 
 def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
@@ -186,13 +214,15 @@ def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
         number("occupied_thresh", 0.0, 1.0, 0.65),
         number("free_thresh", 0.0, 1.0, 0.25),
     )
+    if occupied < free and not problems:
+        problems.append(f"occupied_thresh: {occupied:g} is below free_thresh, {free:g}")
     negate = data.get("negate", 0)
     if negate not in {0, 1}:
         problems.append(f"negate: {negate!r:.40} is not 0 or 1")
     if data.get("mode", "trinary") not in _MODES:
         problems.append(f"mode: {data['mode']!r:.40} is not {' or '.join(_MODES)}")
     image = data.get("image")
-    if not isinstance(image, str) or not image:
+    if not isinstance(image, str) or not image or "\0" in image:
         problems.append("image: must be the name of the map's image")
     origin = data.get("origin")
     if not (
@@ -330,8 +360,26 @@ def _svg_shapes(path: Path) -> Iterator[_Shape]:
         raise
     except Exception as error:  # noqa: BLE001 - its errors have no common base
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
+        what = _wrong_transform(svgelements, _content(path)) or what
         raise FloorPlanError(f"{path} is not valid SVG: {what}") from None
     yield from _walk(svgelements, drawing, "")
+
+
+def _wrong_transform(svgelements: Any, content: bytes) -> str | None:  # noqa: ANN401 - untyped
+    """Return the first element whose transform cannot be read, with the value."""
+    from xml.etree import ElementTree as ET  # noqa: PLC0415 - only after an error
+
+    try:
+        elements = list(ET.fromstring(content).iter())  # noqa: S314 - as svgelements does
+    except ET.ParseError:
+        return None
+    for element in elements:
+        value = element.get("transform", "")
+        try:
+            svgelements.Matrix(value)
+        except Exception:  # noqa: BLE001 - its errors have no common base
+            return f"transform of {element.tag.rpartition('}')[2]}: {value!r:.40} is wrong"
+    return None
 
 
 def _walk(svgelements: Any, element: Any, role: str) -> Iterator[_Shape]:  # noqa: ANN401 - untyped

@@ -32,6 +32,7 @@ from bridge.record.mcap_records import (
     parse,
 )
 from bridge.record.scan import (
+    LAST_KNOWN,
     DamagedBytes,
     RecordSearch,
     has_shape,
@@ -45,6 +46,7 @@ from bridge.record.unpack import (
     DAMAGE,
     HEAD,
     MAX_CHUNK_BYTES,
+    MESSAGE_HEAD,
     ChunkParts,
     attachment_is_damaged,
     check,
@@ -60,11 +62,9 @@ if TYPE_CHECKING:
 
     from bridge.record.scan import Bytes, Found
 
-_MESSAGE = struct.Struct("<HIQQ")
 _ID = struct.Struct("<H")
 _LONGEST_SHOWN = 4
 """Maximum number of topics in the text of a loss."""
-_LAST_KNOWN = int(Opcode.DATA_END)
 _COMPRESSIONS = {b"", b"zstd", b"lz4"}
 _OF_SUMMARY = frozenset(
     int(opcode)
@@ -172,7 +172,7 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
 
     Raises:
         LogReadError: the source is missing, cannot be read, or is not an MCAP file.
-        LogExistsError: the target exists, and ``force`` is False.
+        OutputExistsError: the target exists, and ``force`` is False.
         LogWriteError: the target cannot be written, or is the source itself.
 
     """
@@ -299,7 +299,7 @@ class _Recoverer:
         if offset == self._begin and has_shape(self._data, Opcode.HEADER, start, end):
             return None
         expected = self._summary.kinds.get(offset, opcode)
-        if opcode != expected or opcode > _LAST_KNOWN or self._is_misplaced(opcode, offset):
+        if opcode != expected or opcode > LAST_KNOWN or self._is_misplaced(opcode, offset):
             going_on = self._mislabelled(offset, expected)
             if going_on is not None:
                 return going_on
@@ -312,7 +312,7 @@ class _Recoverer:
         handler = self._handlers.get(opcode)
         if handler is not None:
             return self._handle(handler, found)
-        if opcode > _LAST_KNOWN:
+        if opcode > LAST_KNOWN:
             self._copy.record(opcode, self._data[start:end])
         elif self._is_misplaced(opcode, offset):
             self._lose(offset, end - offset, "a misplaced record")
@@ -363,7 +363,7 @@ class _Recoverer:
         found = next(records(self._data, position, search=self._search_inner), None)
         if found is None:
             return True
-        return not isinstance(found, DamagedBytes) and found.opcode <= _LAST_KNOWN
+        return not isinstance(found, DamagedBytes) and found.opcode <= LAST_KNOWN
 
     def _is_misplaced(self, opcode: int, offset: int) -> bool:
         """Return True for a summary record before the summary, or a second header."""
@@ -512,7 +512,7 @@ class _Recoverer:
         self._number(channel.id)
 
     def _message(self, _offset: int, content: bytes) -> None:
-        channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content)
+        channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content)
         if self._is_index(content):
             return
         number = self._number(channel_id)
@@ -566,7 +566,7 @@ class _Recoverer:
         broken = None
         try:
             for opcode, start, stop in content_records(content):
-                if opcode == Opcode.MESSAGE and stop - start < _MESSAGE.size:
+                if opcode == Opcode.MESSAGE and stop - start < MESSAGE_HEAD.size:
                     raise ValueError("a message without a head")
                 taken.append((opcode, start, stop))
                 end = stop
@@ -592,7 +592,7 @@ class _Recoverer:
         numbers: dict[int, int] = {}
         for opcode, start, stop in taken:
             if opcode == Opcode.MESSAGE:
-                channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
                 number = numbers.get(channel_id)
                 if number is None:
                     number = numbers[channel_id] = self._number(channel_id)
@@ -608,7 +608,7 @@ class _Recoverer:
         else:
             for opcode, start, stop in taken:
                 if opcode == Opcode.MESSAGE:
-                    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                    channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
                     number = numbers[channel_id]
                     message = _ID.pack(number) + content[start + _ID.size : stop]
                     self._copy.message(message, number, log_ns)
@@ -770,4 +770,4 @@ _KINDS: dict[int, str] = {
 
 def _may_follow(data: Bytes, position: int) -> bool:
     """Return True if there is a record of a known kind or the file's end."""
-    return position >= len(data) or 0 < data[position] <= _LAST_KNOWN
+    return position >= len(data) or 0 < data[position] <= LAST_KNOWN

@@ -31,10 +31,10 @@ class Finish:
 
 @dataclass(frozen=True, slots=True)
 class PlannerEvent:
-    """A decision."""
+    """A decision of the planner."""
 
     kind: str
-    """Fixed code of the planner."""
+    """Code of the decision; each planner defines its own."""
     reason: str
     """Sentence for the user."""
     data: dict[str, Scalar] = field(default_factory=dict)
@@ -52,7 +52,8 @@ class PlannerState:
     lane_distance_m: float = 0.0
     """Length D of the last lane, m."""
     previous_lane_distance_m: float = 0.0
-    """Prev-D, the length of the lane before, m."""
+    """Prev-D, m: the length with which the next lane is compared. ``paper`` sets it to D at the end
+    of a lane; other planners report the lane before."""
     length_m: float = 0.0
     """Length = W·T of the last case 3, m."""
     case: int = 0
@@ -189,6 +190,8 @@ class Step(NamedTuple):
 Script = Generator[Leg, Step, str]
 """A plan as a coroutine. It yields legs, receives the end of each leg, and returns the reason for
 its end."""
+Part = Generator[Leg, Step, LegResult]
+"""Part of a script. It returns the result of its main leg."""
 
 
 class PlannerReports:
@@ -198,7 +201,7 @@ class PlannerReports:
         """Begin with the state ``idle`` and no decision."""
         self.state = PlannerState()
         self.end_figures: dict[str, Scalar] = {}
-        """Values that the event ``finish`` contains in addition to its reason."""
+        """The additional values of the planner's event ``finish``."""
         self._events: list[PlannerEvent] = []
 
     def change(self, **fields: Any) -> None:  # noqa: ANN401 - the fields of PlannerState

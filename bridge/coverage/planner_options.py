@@ -24,7 +24,10 @@ class PlannerOptionError(ValueError):
 
 
 def option_names(kind: type[Any]) -> list[str]:
-    """Return the names of the options that a text can set: numbers, words, and yes or no."""
+    """Return the names of the options that a text can set.
+
+    They are numbers, one of several words, and true or false.
+    """
     return [field.name for field in fields(kind) if _expected(_hint(kind, field.name))]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.coverage.gyro_standstill import GyroStandstill
 from bridge.coverage.planner import (
     ORIGINS,
     Finish,
@@ -15,7 +16,6 @@ from bridge.coverage.planner import (
     check_leg,
     check_planner,
 )
-from bridge.coverage.resting import GyroRest
 from bridge.motion.control.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
 
@@ -33,7 +33,8 @@ class PlanRunner:
     """Runs a plan to its end: one call of ``step`` per observation.
 
     Before the first leg, during a pause and after the end, the robot brakes to standstill within
-    the acceleration limits. Only ``step`` begins legs.
+    the acceleration limits. Only ``step`` begins legs. Between two legs of a planner with
+    ``observe``, the runner may stand still to measure the gyro bias.
     """
 
     def __init__(
@@ -52,8 +53,8 @@ class PlanRunner:
         self._planner = planner
         self._observing = planner if isinstance(planner, ObservingPlanner) else None
         self._executor = LegExecutor(model, tuning)
-        self._rest = GyroRest()
-        self._rests: list[PlannerEvent] = []
+        self._standstill = GyroStandstill()
+        self._standstills: list[PlannerEvent] = []
         self._started = False
         self._paused = False
         self._finish: Finish | None = None
@@ -112,9 +113,9 @@ class PlanRunner:
         return self._paused
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Return the planner's decisions and rests since the last call, oldest first."""
-        rests, self._rests = self._rests, []
-        return [*self._planner.drain_events(), *rests]
+        """Return the planner's decisions and standstills since the last call, oldest first."""
+        standstills, self._standstills = self._standstills, []
+        return [*self._planner.drain_events(), *standstills]
 
     def pause(self) -> None:
         """Brake to standstill and wait until ``resume``. The current leg is not dropped."""
@@ -136,7 +137,7 @@ class PlanRunner:
             return executor.brake(obs)
         if self._observing is not None:
             self._observe(self._observing, obs)
-        if self._started and not self._rest.held:
+        if self._started and not self._standstill.held:
             command = executor.step(obs)
             if executor.result is None:
                 return command
@@ -154,14 +155,14 @@ class PlanRunner:
 
     def _holds(self, obs: Observation) -> bool:
         """Return True if the robot must stand still in this control step."""
-        was_held = self._rest.held
-        if self._rest.holds(obs) and not was_held:
+        was_held = self._standstill.held
+        if self._standstill.holds(obs) and not was_held:
             uncertainty_deg_s = round(math.degrees(obs.gyro_bias_sigma_rad_s), 4)
             reason = "the gyro bias is uncertain: a standstill measures it"
-            self._rests.append(
+            self._standstills.append(
                 PlannerEvent("rest", reason, {"uncertainty_deg_s": uncertainty_deg_s})
             )
-        return self._rest.held
+        return self._standstill.held
 
     def _observe(self, observing: ObservingPlanner, obs: Observation) -> None:
         """Pass an observation to a planner that receives all observations."""

@@ -19,7 +19,9 @@ SWEPT = 0
 ``nav_msgs/OccupancyGrid`` (0 free, 100 occupied, -1 unknown)."""
 
 _MARGIN_CELLS = 50
+"""Number of cells by which the map extends beyond a new mark."""
 _MAX_CELLS = 4096 * 4096
+"""Maximum number of cells of the map."""
 _GAP_M = 0.5
 """Minimum distance of two successive poses that are not connected, m. The estimate was then
 reset."""
@@ -40,9 +42,9 @@ class OccupancyArray(NamedTuple):
 class SweptMap:
     """Cells that the mouth has covered, also partly.
 
-    The map grows in steps of at least 1 m. A partly covered cell counts as covered. So the drawn
-    area is up to half a cell too large on each side; the metrics give exact values. If the map has
-    more than 16 million cells, further marks are dropped and counted.
+    The map grows in steps of at least 50 cells (1 m at the default resolution). A partly covered
+    cell counts as covered. So the drawn area is up to half a cell too large on each side; the
+    metrics give exact values. If the map has more than 16 million cells, further marks are dropped.
     """
 
     __slots__ = (
@@ -58,7 +60,6 @@ class SweptMap:
         "_unconfirmed",
         "_x0",
         "_y0",
-        "dropped",
         "resolution_m",
         "revision",
     )
@@ -68,8 +69,6 @@ class SweptMap:
         self.resolution_m = resolution_m
         self.revision = 0
         """Counter that grows with every change of a cell."""
-        self.dropped = 0
-        """Number of marks outside the maximum size of the map."""
         self._per_m = 1.0 / resolution_m
         self._half_m = 0.5 * model.cleaning_width_m
         self._offset_m = model.mouth_offset_m
@@ -99,12 +98,12 @@ class SweptMap:
         dx, dy = pose.x_m - last.x_m, pose.y_m - last.y_m
         turn = math.remainder(pose.theta_rad - last.theta_rad, math.tau)
         reach = abs(self._offset_m) + self._half_m
-        way = (abs(dx) + abs(dy) + abs(turn) * reach) * self._per_m
-        if not way >= 0.25:  # noqa: PLR2004 - a quarter of a cell: nothing new yet
-            self.dropped += way != way  # noqa: PLR0124 - not a number
+        path = (abs(dx) + abs(dy) + abs(turn) * reach) * self._per_m
+        # less than a quarter of a cell is nothing new; a path that is not a number is dropped
+        if not path >= 0.25:  # noqa: PLR2004
             return
         self._last = pose
-        steps = 1 if abs(dx) + abs(dy) > _GAP_M else math.ceil(way)
+        steps = 1 if abs(dx) + abs(dy) > _GAP_M else math.ceil(path)
         for k in range(steps - 1, -1, -1):
             back = k / steps
             self._mark(
@@ -154,7 +153,6 @@ class SweptMap:
         ):
             shift = self._grow(min(x, end_x), min(y, end_y), max(x, end_x), max(y, end_y))
             if shift is None:
-                self.dropped += 1
                 return
             x += shift[0]
             y += shift[1]

@@ -14,7 +14,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise import Level, RuleInputs, Supervisor, settings_from
 from protocol.clock import DeviceUs, extend_us
-from protocol.imu import NOMINAL, ImuReader
+from protocol.imu import NOMINAL, NOMINAL_DEG_S_LSB, NOMINAL_G_LSB, ImuReader
 from protocol.messages.device import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ FROZEN_POWER = 25
 5 s of samples. The battery's voltage alone changes more often."""
 LIVELY = 3
 """Maximum number of consecutive equal samples that counts as normal sensor noise."""
-_G_LSB = 16384.0
-_DEG_S_LSB = 131.0
 _MAX_SIGNS = 200
 """Maximum number of signs that are stored for one examination."""
 _QUIET = {"silence": "off", "progress": "off", "fence": "off", "reset": "off"}
@@ -65,12 +63,12 @@ class Sign:
 class BodyView:
     """Examines the messages of one device, passed in by :meth:`take`."""
 
-    def __init__(self, model: RobotModel | None = None) -> None:
+    def __init__(self) -> None:
         """Start without any message."""
         self.signs: list[Sign] = []
         self.onboard = ""
         """Name of the onboard planner whose start was recorded; empty: no start was recorded."""
-        self._model = model or RobotModel()
+        self._model = RobotModel()
         rules = {name: {"reaction": level} for name, level in _QUIET.items()}
         self._settings = settings_from(rules)
         self._last_us: DeviceUs | None = None
@@ -191,10 +189,10 @@ class _Rest:
         if now_s - self._since_s < REST_S:
             return None
         values = (
-            imu.gyro_z / _DEG_S_LSB,
-            imu.accel_x / _G_LSB,
-            imu.accel_y / _G_LSB,
-            imu.accel_z / _G_LSB,
+            imu.gyro_z / NOMINAL_DEG_S_LSB,
+            imu.accel_x / NOMINAL_G_LSB,
+            imu.accel_y / NOMINAL_G_LSB,
+            imu.accel_z / NOMINAL_G_LSB,
         )
         for axis, value in enumerate(values):
             self._sums[axis] += value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -61,14 +61,7 @@ class Coverage:
 
     def to_dict(self) -> dict[str, float | None]:
         """Return the values for a summary."""
-        return {
-            "mouth_sweepable": self.mouth_sweepable,
-            "mouth_passing": self.mouth_passing,
-            "mouth_free": self.mouth_free,
-            "body_reachable": self.body_reachable,
-            "body_free": self.body_free,
-            "eq8": self.eq8,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,15 +69,23 @@ class CoverageReport:
     """All metrics of one run."""
 
     coverage: Coverage
+    """Swept shares of the floor."""
     free_m2: float
+    """Area of the free floor, m²."""
     reachable_m2: float
+    """Area of the floor that the footprint can cover, m²."""
     sweepable_m2: float
+    """Area of the floor that the mouth can reach, m²."""
     duration_s: float
+    """Time from the first pose to the last, s."""
     path_m: float
+    """Path length, m."""
     t90_s: float | None
     """Time at which 90 % of the sweepable floor was swept, s from the first pose; None: never."""
     t99_s: float | None
+    """As ``t90_s``, for 99 %."""
     largest_hole_cm2: float
+    """Area of the largest unswept piece of sweepable floor, cm²."""
     hole_inradius_m: float
     """Radius of the largest disc inside an unswept piece of sweepable floor, m. Its error is half a
     cell."""
@@ -103,9 +104,11 @@ class CoverageReport:
     """Time from the first pose until each cell was swept, s (rows along y, columns along x);
     infinite: never."""
     body_swept: Mask
+    """Cells that the footprint has covered."""
     origin_m: tuple[float, float]
     """Corner of the first cell of the grids, m."""
     resolution_m: float
+    """Length of a cell's edge, m."""
 
 
 def max_sweep_rate_m2_s(model: RobotModel) -> float:

@@ -46,8 +46,6 @@ class Raster:
         self,
         bounds: tuple[float, float, float, float],
         resolution_m: float,
-        *,
-        scatter: bool = True,
     ) -> None:
         """Create the points within ``bounds``: x_min, y_min, x_max, y_max in metres."""
         x_min, y_min, x_max, y_max = bounds
@@ -58,11 +56,8 @@ class Raster:
         self.shape = (rows, columns)
         self.cell_m2 = resolution_m * resolution_m
         row, col = np.indices(self.shape, dtype=np.float64)
-        if scatter:
-            u = np.modf(row / _ROOT + col * _PHI)[0]
-            v = np.modf(row * _PHI + col / _ROOT**2)[0]
-        else:
-            u = v = np.full(self.shape, 0.5)
+        u = np.modf(row / _ROOT + col * _PHI)[0]
+        v = np.modf(row * _PHI + col / _ROOT**2)[0]
         self.x = x_min + (col + u) * resolution_m
         self.y = y_min + (row + v) * resolution_m
 
@@ -84,26 +79,16 @@ class Raster:
             min(math.floor((x1 - self.x_min_m) / resolution) + 1, columns),
         )
 
-    def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
-        """Return row and column of the cell that contains a point; None: outside the raster."""
-        row = math.floor((y_m - self.y_min_m) / self.resolution_m)
-        col = math.floor((x_m - self.x_min_m) / self.resolution_m)
-        if 0 <= row < self.shape[0] and 0 <= col < self.shape[1]:
-            return row, col
-        return None
-
     def polygon(self, corners: Iterable[tuple[float, float]]) -> Mask:
         """Return a mask of the points inside a polygon (even-odd rule)."""
         points = list(corners)
         inside = self.empty()
-        for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):
-            if ay == by:
+        for a, b in zip(points, points[1:] + points[:1], strict=True):
+            if a[1] == b[1]:
                 continue
-            window = self.window(self.x_min_m, min(ay, by), self.x_min_m, max(ay, by))
+            window = self.window(self.x_min_m, min(a[1], b[1]), self.x_min_m, max(a[1], b[1]))
             rows = slice(window.row0, window.row1)
-            x, y = self.x[rows], self.y[rows]
-            crosses = ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
-            inside[rows] ^= crosses
+            inside[rows] ^= crosses(self.x[rows], self.y[rows], a, b)
         return inside
 
     def stamp_capsule(
@@ -165,6 +150,17 @@ class Raster:
             corners = ((*pivot, lx0, ly0, lx1, ly1), (*pivot, rx0, ry0, rx1, ry1))
         triangles, edges = np.array(corners), np.empty((2, 3, 4))
         kernel.sweep(times, self.x, self.y, r0, r1, c0, c1, triangles, edges, time_s)
+
+
+def crosses(x: Floats, y: Floats, a: tuple[float, float], b: tuple[float, float]) -> Mask:
+    """Return a mask of the points whose ray towards +x crosses an edge from ``a`` to ``b``.
+
+    The edge must not be horizontal. A point is inside a polygon if its ray crosses an odd number of
+    edges (even-odd rule).
+    """
+    (ax, ay), (bx, by) = a, b
+    mask: Mask = ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+    return mask
 
 
 def _crossing(

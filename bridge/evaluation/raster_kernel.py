@@ -181,7 +181,7 @@ def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
     square: cython.longlong
     step: cython.longlong
     d: cython.longlong
-    most: cython.longlong = 0
+    deepest: cython.longlong = 0
     for col in range(1, columns + 1):
         for row in range(1, rows + 1):
             down[row, col] = down[row - 1, col] + 1 if mask[row - 1, col - 1] else 0
@@ -191,7 +191,7 @@ def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
         for col in range(1, columns + 1):
             reach = down[row, col]
             square = reach * reach
-            if square <= most:
+            if square <= deepest:
                 continue  # its distance cannot exceed the maximum so far
             step = 1
             while step * step < square:
@@ -201,5 +201,5 @@ def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
                         d = down[row, other]
                         square = min(square, d * d + step * step)
                 step += 1
-            most = max(most, square)
-    return most
+            deepest = max(deepest, square)
+    return deepest

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.evaluation.raster import Raster
+from bridge.evaluation.raster import Raster, crosses
 from bridge.evaluation.raster_kernel import pieces
 
 if TYPE_CHECKING:
@@ -64,13 +64,12 @@ def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Reg
     curves = _boundary(plan, np.array(edges, dtype=np.float64).reshape(-1, 4), radius)
     centres, curves = _connected(raster, centres, curves, (plan.start.x_m, plan.start.y_m))
     half_width = 0.5 * model.cleaning_width_m
-    reach = math.hypot(model.mouth_offset_m, half_width)
     reachable, sweepable, passing = centres.copy(), centres.copy(), centres.copy()
     for curve in curves:
-        pieces = _simplified(curve)
-        raster.stamp_path(reachable, pieces, radius)
-        raster.stamp_path(passing, pieces, half_width)
-        raster.stamp_path(sweepable, pieces, reach)
+        polyline = _simplified(curve)
+        raster.stamp_path(reachable, polyline, radius)
+        raster.stamp_path(passing, polyline, half_width)
+        raster.stamp_path(sweepable, polyline, model.mouth_reach_m)
     return Regions(raster, free, centres, reachable & free, sweepable & free, passing & free)
 
 
@@ -96,10 +95,10 @@ def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
     return runs
 
 
-def _clear(points: Floats, edges: Floats, least: float) -> Mask:
-    """Return a mask of the points with a distance of at least ``least`` metres from every edge."""
+def _clear(points: Floats, edges: Floats, min_m: float) -> Mask:
+    """Return a mask of the points with a distance of at least ``min_m`` metres from every edge."""
     good = np.ones(len(points), dtype=np.bool_)
-    low, high = points.min(axis=0) - least, points.max(axis=0) + least
+    low, high = points.min(axis=0) - min_m, points.max(axis=0) + min_m
     for ax, ay, bx, by in edges:
         if max(ax, bx) < low[0] or min(ax, bx) > high[0]:
             continue
@@ -108,7 +107,7 @@ def _clear(points: Floats, edges: Floats, least: float) -> Mask:
         x, y = points[:, 0] - ax, points[:, 1] - ay
         ex, ey = bx - ax, by - ay
         along = np.clip((x * ex + y * ey) / (ex * ex + ey * ey), 0.0, 1.0)
-        good &= np.hypot(x - along * ex, y - along * ey) >= least
+        good &= np.hypot(x - along * ex, y - along * ey) >= min_m
     return good
 
 
@@ -117,10 +116,9 @@ def _on_floor(points: Floats, plan: FloorPlan) -> Mask:
 
     def inside(corners: tuple[tuple[float, float], ...]) -> Mask:
         found = np.zeros(len(points), dtype=np.bool_)
-        x, y = points[:, 0], points[:, 1]
-        for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
-            if ay != by:
-                found ^= ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+        for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+            if a[1] != b[1]:
+                found ^= crosses(points[:, 0], points[:, 1], a, b)
         return found
 
     floor = inside(plan.walls)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _FINEST_M = 0.01
-"""Minimum cell size of a picture, m. The coverage metrics have the same cell size."""
+"""Minimum cell size of a picture, m."""
 _MAX_CELLS = 4_000_000
 """Maximum number of cells of the raster. It is 400 m² with cells of 1 cm, which takes 2 s. A larger
 room has larger cells."""

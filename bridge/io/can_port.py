@@ -17,6 +17,7 @@ from can.interfaces.slcan import slcanBus
 from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
 from bridge.io.multicast import MulticastBus
+from bridge.io.port_failure import reason
 from bridge.io.port_names import CAN_EXAMPLE
 from bridge.io.readable import SELECTED, readable
 from bridge.io.waker import Waker
@@ -129,7 +130,7 @@ class CanPort:
                 self._take(self._receive(0.0), records)
                 ready = readable([self._fd], 0.0)
         except (can.CanError, OSError, TypeError) as error:
-            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            raise PortError(f"{self.name} is gone: {reason(error)}") from None
         return b"".join(records)
 
     def _wait_polling(self, timeout_s: float) -> bytes:
@@ -148,7 +149,7 @@ class CanPort:
                     break
                 self._take(message, records)
         except (can.CanError, OSError) as error:
-            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            raise PortError(f"{self.name} is gone: {reason(error)}") from None
         return b"".join(records)
 
     def _receive(self, timeout_s: float) -> can.Message | None:
@@ -193,9 +194,9 @@ class CanPort:
                     self._echoes.pop()
                 if _is_full(error):
                     break
-                raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+                raise PortError(f"{self.name} is gone: {reason(error)}") from None
             except OSError as error:
-                raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+                raise PortError(f"{self.name} is gone: {reason(error)}") from None
             written += RECORD.size
         return written
 
@@ -269,7 +270,7 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
             return MulticastBus(channel, **options)
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:
-        raise PortError(f"cannot open {port}: {_reason(error)}") from None
+        raise PortError(f"cannot open {port}: {reason(error)}") from None
     except Exception as error:  # noqa: BLE001 - any driver error, such as a missing library
         cause: BaseException = error.__cause__ or error
         number = getattr(cause, "errno", None)
@@ -277,14 +278,14 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
             raise PortBusyError(port, None) from None
         if interface == "socketcan":
             raise PortError(
-                f"cannot open {port}: {_reason(cause)}; check that 'ip link' shows {channel} as up"
+                f"cannot open {port}: {reason(cause)}; check that 'ip link' shows {channel} as up"
             ) from None
         if interface == _MULTICAST and number in {errno.ENODEV, errno.ENETUNREACH}:
             raise PortError(
-                f"cannot open {port}: {_reason(cause)}; multicast needs a route "
+                f"cannot open {port}: {reason(cause)}; multicast needs a route "
                 "(ip route add 224.0.0.0/4 dev lo)"
             ) from None
-        raise PortError(f"cannot open {port}: {_reason(cause)}") from None
+        raise PortError(f"cannot open {port}: {reason(cause)}") from None
 
 
 def _is_full(error: can.CanError) -> bool:
@@ -294,8 +295,3 @@ def _is_full(error: can.CanError) -> bool:
     if type(cause).__name__ == "SerialTimeoutException":
         return True
     return error.error_code in _FULL or getattr(cause, "errno", None) in _FULL
-
-
-def _reason(error: BaseException) -> str:
-    strerror = getattr(error, "strerror", None)
-    return str(strerror or error).strip().splitlines()[0] if str(error) else type(error).__name__

@@ -30,6 +30,32 @@ REPEAT_S = 0.1
 """Interval of repeated stick reports, s. The interface itself reports changes only."""
 
 
+_GET_VERSION = 0x8004_6A01
+"""Request JSIOCGVERSION of the joystick interface; only joystick devices answer it."""
+
+
+def open_joystick(path: str) -> int:
+    """Open a joystick device and return its file descriptor.
+
+    Raises:
+        PortError: the device does not exist, cannot be read, or is no joystick.
+
+    """
+    import fcntl  # noqa: PLC0415 - Windows has none
+
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError as error:
+        why = "plug in the gamepad" if error.errno == errno.ENOENT else error.strerror
+        raise PortError(f"cannot open gamepad {path}: {why}") from None
+    try:
+        fcntl.ioctl(fd, _GET_VERSION, bytes(4))
+    except OSError:
+        os.close(fd)
+        raise PortError(f"{path} is no gamepad; give a joystick such as /dev/input/js0") from None
+    return fd
+
+
 class PadLayout(NamedTuple):
     """Numbers of axes and buttons. The defaults fit most pads with Linux' xpad and hid drivers."""
 
@@ -115,16 +141,12 @@ class Gamepad:
             on_gone: Called after the device was removed; this also releases all sticks.
 
         Raises:
-            PortError: the device does not exist or cannot be read.
+            PortError: the device does not exist, cannot be read, or is no joystick.
 
         """
         self._on_sticks, self._on_stop, self._on_gone = on_sticks, on_stop, on_gone
         self._state = PadState(layout or PadLayout())
-        try:
-            self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        except OSError as error:
-            why = "plug in the gamepad" if error.errno == errno.ENOENT else error.strerror
-            raise PortError(f"cannot open gamepad {path}: {why}") from None
+        self._fd = open_joystick(path)
         self._end_read, self._end_write = os.pipe()
         self._thread = threading.Thread(target=self._run, name="gamepad", daemon=True)
 

@@ -95,7 +95,7 @@ class _Work(Enum):
 
     STOP = "stop"
     ANSWER = "answer"
-    REJECT = "refuse"
+    REJECT = "reject"
     VIEW = "view"
 
 

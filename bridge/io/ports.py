@@ -12,6 +12,7 @@ import serial
 
 from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
+from bridge.io.port_failure import reason
 from bridge.io.port_names import misspelt, tcp_mistake
 from bridge.io.readable import readable
 from bridge.io.tcp_port import SCHEME, TcpPort
@@ -86,7 +87,7 @@ class SerialPort:
             self._port.write_timeout = 0
         except serial.SerialException as error:  # unplugged
             self.close()
-            raise PortError(f"{url} is gone: {_reason(error)}") from None
+            raise PortError(f"{url} is gone: {reason(error)}") from None
 
     def _descriptor(self) -> int | None:
         """Return the port's descriptor if a wait can include it and the waker's descriptor."""
@@ -122,7 +123,7 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except (OSError, TypeError) as error:  # pyserial: SerialException is an OSError
-            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            raise PortError(f"{self.name} is gone: {reason(error)}") from None
         if not data:
             raise PortError(self._ended())
         if len(self._beginning) < BEGINNING:
@@ -152,7 +153,7 @@ class SerialPort:
         except serial.SerialTimeoutException:
             return 0
         except (OSError, TypeError) as error:
-            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            raise PortError(f"{self.name} is gone: {reason(error)}") from None
 
     def wake(self) -> None:
         """End a wait now. It is safe in a signal handler and has no effect on a closed port."""
@@ -251,7 +252,7 @@ def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial | TcpPo
     except (serial.SerialException, OSError) as error:
         raise _open_error(url, error) from None
     except Exception as error:  # noqa: BLE001 - any error of pyserial's URL handlers
-        raise PortError(misspelt(url) or f"{url} is not a port: {_reason(error)}") from None
+        raise PortError(misspelt(url) or f"{url} is not a port: {reason(error)}") from None
     return port
 
 
@@ -275,7 +276,7 @@ def _open_error(url: str, error: OSError) -> PortError:
         return PortError(f"{url} is not a serial port")
     # pyserial adds its own text to the system's error and repeats the port's name.
     cause = error.__context__ if isinstance(error.__context__, OSError) else error
-    return PortError(f"cannot open {url}: {_reason(cause)}")
+    return PortError(f"cannot open {url}: {reason(cause)}")
 
 
 def _denied(url: str) -> str:
@@ -309,8 +310,3 @@ def latency_note(port: BytePort) -> str | None:
     """Return a port's warning about a driver that delays bytes; None without a delay."""
     note = getattr(port, "latency_note", None)
     return note if isinstance(note, str) else None
-
-
-def _reason(error: BaseException) -> str:
-    strerror = getattr(error, "strerror", None)
-    return str(strerror or error).strip().splitlines()[0] if str(error) else type(error).__name__

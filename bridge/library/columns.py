@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class RunColumn(NamedTuple):
@@ -107,3 +110,9 @@ MARKED = ("tags", "note")
 """Columns that people write."""
 INDEXED = tuple(c for c in COLUMNS if c.name not in {*PLACED, *MARKED})
 """Columns that are read from a log."""
+
+
+def number_cell(row: Mapping[str, Any], column: str, form: str, factor: float = 1.0) -> str:
+    """Return a number of a run as text for a table; ``-`` if the run has no value."""
+    value = row[column]
+    return "-" if value is None else form.format(value * factor)

@@ -108,9 +108,11 @@ class Library:
         self.unreadable += [(folder / os.fsdecode(name), text) for name, text in unreadable]
 
     def select(self, selection: Selection) -> list[Run]:
-        """Return the runs of a selection. Runs without a value in the sorted column are first.
+        """Return the runs of a selection, in its order.
 
-        Runs with equal values are ordered by the modification time of their files.
+        Runs without a value in the sorted column are first in ascending order and last in
+        descending order. Runs with equal values are in the order of the modification time of
+        their files, in the same direction.
 
         Raises:
             LibraryError: the condition is not SQL over the columns, or a column does not exist.

@@ -34,3 +34,8 @@ class Pose2(NamedTuple):
     def distance_m(self, other: Pose2) -> float:
         """Return the straight-line distance between the two positions, m."""
         return math.hypot(other.x_m - self.x_m, other.y_m - self.y_m)
+
+    def along_m(self, other: Pose2) -> float:
+        """Return the distance to another position along this pose's heading, m."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        return (other.x_m - self.x_m) * c + (other.y_m - self.y_m) * s

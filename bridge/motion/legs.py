@@ -138,7 +138,10 @@ class StopReason(enum.StrEnum):
 
     @property
     def blocked(self) -> bool:
-        """True if an obstacle, a cliff or a missing wall ended the leg before its goal."""
+        """True if the leg ended before its goal: range, bumper, cliff, stall or time limit.
+
+        False also for a lost wall and a cancelled leg.
+        """
         return self not in _GOALS
 
 
@@ -166,6 +169,6 @@ class LegResult:
     pose: Pose2
     """Estimated pose at the end."""
     bumper_left: bool = False
-    """True if the left bumper switch is closed at the end."""
+    """True if the left bumper switch was closed when the robot began to stop, or at the end."""
     bumper_right: bool = False
-    """True if the right bumper switch is closed at the end."""
+    """True if the right bumper switch was closed when the robot began to stop, or at the end."""

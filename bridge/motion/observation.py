@@ -50,3 +50,5 @@ class VelocityCommand(NamedTuple):
 
 
 HALT = VelocityCommand(0.0, 0.0)
+INFRARED_PERIOD_S = 0.05
+"""Age from which an equal infrared range counts as a new reading, s. Readings arrive at 20 Hz."""

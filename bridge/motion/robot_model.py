@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
-def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
+def bounded(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
     """Declare a number with default, limits, unit and meaning, for the reference of robot files."""
     return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
 
@@ -36,18 +36,18 @@ class RangerMount:
     )
     min_range_m: float = _limited(0.0, 10.0, "m", "shortest distance that is measured correctly")
     max_range_m: float = _limited(0.01, 20.0, "m", "longest distance that is measured")
-    cone_rad: float = _in(0.0, 0.0, math.pi, "rad", "full opening angle; 0 for a beam")
-    scale: float = _in(
+    cone_rad: float = bounded(0.0, 0.0, math.pi, "rad", "full opening angle; 0 for a beam")
+    scale: float = bounded(
         1.0, 0.5, 2.0, "1", "range = `scale` · raw range + `offset_m`; from `calibrate range`"
     )
-    offset_m: float = _in(0.0, -0.2, 0.2, "m", "see `scale`")
+    offset_m: float = bounded(0.0, -0.2, 0.2, "m", "see `scale`")
     fitted: bool = field(
         default=True,
         metadata={"meaning": "whether the robot has this sensor; else it reads nothing"},
     )
 
     @property
-    def center_distance_m(self) -> float:
+    def centre_distance_m(self) -> float:
         """Distance of the sensor from the axle's centre, m."""
         return math.hypot(self.x_m, self.y_m)
 
@@ -74,17 +74,17 @@ def _infrared_right() -> RangerMount:
     return RangerMount(0.05, -0.10, -math.pi / 2, 0.04, 0.30)
 
 
-LOST = {
+MISSING_SENSOR_EFFECTS = {
     "ultrasonic": (
-        "the robot stops before nothing that it does not know yet: it drives at cruise speed into "
-        "new obstacles, and slips of both wheels are not found"
+        "the robot detects a new obstacle only by contact, at cruise speed, and does not detect "
+        "slip of both wheels"
     ),
     "infrared_left": (
-        "a wall on the left is followed by touching it again and again, and no wall on the left "
+        "a wall on the left is followed by repeated contacts, and no wall on the left "
         "corrects the pose"
     ),
     "infrared_right": (
-        "a wall on the right is followed by touching it again and again, and no wall on the right "
+        "a wall on the right is followed by repeated contacts, and no wall on the right "
         "corrects the pose"
     ),
 }
@@ -96,25 +96,27 @@ class RobotModel:
     """Robot parameters. Host and virtual device must use the same values."""
 
     name: str = field(default="sweeper", metadata={"meaning": "name for people"})
-    robot_diameter_m: float = _in(
+    robot_diameter_m: float = bounded(
         0.32, 0.05, 2.0, "m", "diameter of the footprint: Φ of the paper's Table 1"
     )
-    cleaning_width_m: float = _in(
+    cleaning_width_m: float = bounded(
         0.16, 0.02, 2.0, "m", "width of the mouth: W of the paper's Table 1"
     )
-    mouth_offset_m: float = _in(0.0, -1.0, 1.0, "m", "distance of the mouth ahead of the axle")
-    cruise_speed_m_s: float = _in(0.20, 0.01, 2.0, "m/s", "usual speed on a lane")
-    max_speed_m_s: float = _in(0.30, 0.01, 2.0, "m/s", "highest speed that is commanded")
-    max_accel_m_s2: float = _in(0.40, 0.01, 10.0, "m/s²", "limit of acceleration and braking")
-    max_yaw_rate_rad_s: float = _in(2.0, 0.05, 20.0, "rad/s", "highest yaw rate")
-    max_yaw_accel_rad_s2: float = _in(8.0, 0.05, 100.0, "rad/s²", "limit of the yaw acceleration")
-    wheel_diameter_m: float = _in(
+    mouth_offset_m: float = bounded(0.0, -1.0, 1.0, "m", "distance of the mouth ahead of the axle")
+    cruise_speed_m_s: float = bounded(0.20, 0.01, 2.0, "m/s", "usual speed on a lane")
+    max_speed_m_s: float = bounded(0.30, 0.01, 2.0, "m/s", "highest speed that is commanded")
+    max_accel_m_s2: float = bounded(0.40, 0.01, 10.0, "m/s²", "limit of acceleration and braking")
+    max_yaw_rate_rad_s: float = bounded(2.0, 0.05, 20.0, "rad/s", "highest yaw rate")
+    max_yaw_accel_rad_s2: float = bounded(
+        8.0, 0.05, 100.0, "rad/s²", "limit of the yaw acceleration"
+    )
+    wheel_diameter_m: float = bounded(
         0.065, 0.01, 1.0, "m", "mean of both wheels; D of the paper's eq. 3"
     )
-    counts_per_turn: int = _in(
+    counts_per_turn: int = bounded(
         1560, 4, 1_000_000, "count", "encoder counts per wheel turn, after ×4: n of eq. 3"
     )
-    wheel_base_m: float = _in(
+    wheel_base_m: float = bounded(
         0.23, 0.02, 2.0, "m", "distance between the wheels' contact points: B of eq. 4"
     )
     ultrasonic: RangerMount = field(
@@ -126,15 +128,15 @@ class RobotModel:
     infrared_right: RangerMount = field(
         default_factory=_infrared_right, metadata={"meaning": "range sensor that faces right"}
     )
-    battery_v: float = _in(16.0, 3.0, 60.0, "V", "voltage of the full battery")
-    battery_ah: float = _in(9.0, 0.1, 200.0, "Ah", "capacity of the battery")
-    driver_drop_v: float = _in(
+    battery_v: float = bounded(16.0, 3.0, 60.0, "V", "voltage of the full battery")
+    battery_ah: float = bounded(9.0, 0.1, 200.0, "Ah", "capacity of the battery")
+    driver_drop_v: float = bounded(
         1.9, 0.0, 5.0, "V", "voltage drop of the motor driver, both legs together (L298N)"
     )
-    wheel_ratio: float = _in(
+    wheel_ratio: float = bounded(
         1.0, 0.8, 1.25, "1", "right wheel's diameter over the left's (Borenstein's E_d)"
     )
-    gyro_bias_rad_s: float = _in(
+    gyro_bias_rad_s: float = bounded(
         0.0, -0.4, 0.4, "rad/s", "yaw rate of the gyro at rest, from `calibrate gyro`"
     )
 
@@ -176,8 +178,3 @@ class RobotModel:
     def right_metres_per_count(self) -> float:
         """Path of the right wheel per encoder count, m (Borenstein's c_r = 2/(1/E_d + 1))."""
         return self.metres_per_count * 2.0 * self.wheel_ratio / (1.0 + self.wheel_ratio)
-
-    def wheel_speeds_m_s(self, v_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
-        """Return left and right wheel speed for a body velocity (inverse of the paper's eq. 4)."""
-        half = 0.5 * self.wheel_base_m * yaw_rate_rad_s
-        return v_m_s - half, v_m_s + half

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 STEP_S = 0.02
+"""Time between two samples, s."""
 
 
 class StepResponse(NamedTuple):

@@ -70,7 +70,7 @@ class ChunkedFile:
         """Create the file. ``tap`` receives a copy of its chunks.
 
         Raises:
-            LogExistsError: the file exists, and ``force`` is False.
+            OutputExistsError: the file exists, and ``force`` is False.
             LogWriteError: the file cannot be opened or written.
 
         """
@@ -89,7 +89,7 @@ class ChunkedFile:
             self.out.write(MAGIC + bytes_of(Header(profile="", library=library)))
         except LogWriteError:
             self.out.close()
-            if not force:  # a new file without content
+            if not force and path.is_file():  # a new file without content
                 path.unlink(missing_ok=True)
             raise
 

@@ -83,7 +83,7 @@ class RunWriter:
         ``tap`` receives a copy of its chunks.
 
         Raises:
-            LogExistsError: the file exists, and ``force`` is False.
+            OutputExistsError: the file exists, and ``force`` is False.
             LogWriteError: the file cannot be opened or written.
 
         """
@@ -105,7 +105,7 @@ class RunWriter:
             self._write_head(info)
         except LogWriteError:
             self._file.finish()
-            if not force:  # a new file without content
+            if not force and path.is_file():  # a new file without content
                 path.unlink(missing_ok=True)
             raise
         for name, mount in (

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 
 from bridge.errors import OutputExistsError
-from bridge.files import check_target
+from bridge.files import writing_mode
 from bridge.record.errors import LogWriteError
 from bridge.record.mcap_file import MAGIC, ZSTD_LEVEL, Chunk, McapFile, bytes_of
 from bridge.record.unpack import HEAD, MAX_SCHEMA_BYTES
@@ -224,8 +224,7 @@ def _free(used: dict[int, Any], wanted: int) -> int:
 
 def _create(path: Path, *, force: bool) -> BinaryIO:
     try:
-        check_target(path)
-        return path.open("wb" if force else "xb")
+        return path.open(writing_mode(path, force=force))
     except FileExistsError:
         raise OutputExistsError(path) from None
     except OSError as error:

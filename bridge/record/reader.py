@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import struct
 from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -35,6 +34,7 @@ from bridge.record.summaries import read_summary
 from bridge.record.unpack import (
     DAMAGE,
     HEAD,
+    MESSAGE_HEAD,
     attachment_is_damaged,
     chunk_content,
     content_records,
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
     from bridge.record.scan import Bytes
 
-_MESSAGE = struct.Struct("<HIQQ")
 _log_ns = attrgetter("log_ns")
 
 _LARGE_BYTES = 16 << 20
@@ -279,7 +278,7 @@ class LogReader:
         try:
             for opcode, start, stop in content_records(content):
                 if opcode == Opcode.MESSAGE:
-                    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                    channel_id, _, log_ns, _ = MESSAGE_HEAD.unpack_from(content, start)
                     if channel_id in state.wanted:
                         times.append(log_ns)
                         places.extend((start, stop))
@@ -289,18 +288,18 @@ class LogReader:
             self.problems.append(f"skipped a damaged chunk: {_why(error)}")
         for index in np.argsort(np.frombuffer(times, np.uint64), kind="stable"):
             start, stop = places[2 * index], places[2 * index + 1]
-            channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content, start)
-            data = content[start + _MESSAGE.size : stop]
+            channel_id, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(content, start)
+            data = content[start + MESSAGE_HEAD.size : stop]
             yield LogMessage(state.wanted[channel_id], log_ns, publish_ns, sequence, data)
 
     def _one(self, opcode: int, record: bytes, state: _Channels) -> Iterator[LogMessage]:
         """Read a record that is not in a chunk."""
         try:
             if opcode == Opcode.MESSAGE:
-                channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(record)
+                channel_id, sequence, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(record)
                 channel = state.wanted.get(channel_id)
                 if channel is not None:
-                    data = record[_MESSAGE.size :]
+                    data = record[MESSAGE_HEAD.size :]
                     yield LogMessage(channel, log_ns, publish_ns, sequence, data)
             else:
                 state.take(opcode, record)
@@ -385,13 +384,13 @@ class _Channels:
 
 def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
     """Yield the messages of a chunk's content. Declarations are added to ``state``."""
-    wanted, unpack = state.wanted, _MESSAGE.unpack_from
+    wanted, unpack = state.wanted, MESSAGE_HEAD.unpack_from
     for opcode, start, stop in content_records(content):
         if opcode == Opcode.MESSAGE:
             channel_id, sequence, log_ns, publish_ns = unpack(content, start)
             channel = wanted.get(channel_id)
             if channel is not None:
-                data = content[start + _MESSAGE.size : stop]
+                data = content[start + MESSAGE_HEAD.size : stop]
                 yield LogMessage(channel, log_ns, publish_ns, sequence, data)
         else:
             state.take(opcode, content[start:stop])

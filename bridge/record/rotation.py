@@ -60,7 +60,7 @@ class RotatingWriter:
             rotate_s: Log time after which a new file starts, s; None: unlimited.
 
         Raises:
-            LogExistsError: the file exists and may not be replaced.
+            OutputExistsError: the file exists and may not be replaced.
             LogWriteError: the file cannot be opened or written.
 
         """

@@ -37,7 +37,8 @@ _LONGEST = 1 << 40
 """Maximum plausible length of a record, bytes."""
 _FIRST_PRIVATE = 0x80
 """First opcode for private records."""
-_LAST_KNOWN = int(Opcode.DATA_END)
+LAST_KNOWN = int(Opcode.DATA_END)
+"""Last opcode of the specification."""
 _MESSAGE_FIXED = 22
 _FOOTER_BYTES = 20
 _DATA_END_BYTES = 4
@@ -308,7 +309,7 @@ def _may_begin(data: Bytes, position: int) -> bool:
     opcode: int
     length: int
     opcode, length = HEAD.unpack_from(data, position)
-    return (0 < opcode <= _LAST_KNOWN or opcode >= _FIRST_PRIVATE) and length < _LONGEST
+    return (0 < opcode <= LAST_KNOWN or opcode >= _FIRST_PRIVATE) and length < _LONGEST
 
 
 def has_shape(data: Bytes, opcode: int, start: int, end: int) -> bool:

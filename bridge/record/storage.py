@@ -10,7 +10,7 @@ from io import FileIO
 from typing import TYPE_CHECKING, BinaryIO
 
 from bridge.errors import OutputExistsError
-from bridge.files import check_target
+from bridge.files import writing_mode
 from bridge.record.errors import LogWriteError
 
 if TYPE_CHECKING:
@@ -149,8 +149,8 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
 
     """
     try:
-        check_target(path)
-        file = LogFile(path, "wb" if force else "xb", sync=_datasync if fsync else None)
+        mode = writing_mode(path, force=force)
+        file = LogFile(path, mode, sync=_datasync if fsync else None)
         if fsync:
             _sync_folder(path.parent)
     except FileExistsError:

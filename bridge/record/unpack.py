@@ -21,6 +21,8 @@ from mcap.opcode import Opcode
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""Channel id, sequence number, log time and publish time of a message."""
 HEAD = struct.Struct("<BQ")
 """Opcode and length of a record."""
 CHUNK_HEAD = struct.Struct("<QQQI")

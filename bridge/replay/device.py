@@ -292,8 +292,8 @@ class ReplayDevice:
                 command_id = getattr(message, "command_id", None)
                 if command_id is not None:
                     type_id = CATALOGUE.spec(type(message)).type_id
-                    refusal = Nack(command_id, type_id, NackReason.UNSUPPORTED)
-                    self._send(refusal, now_ns)
+                    rejection = Nack(command_id, type_id, NackReason.UNSUPPORTED)
+                    self._send(rejection, now_ns)
 
 
 def replay_device(reader: LogReader) -> ReplayDevice:

@@ -1,4 +1,4 @@
-"""Construction of a run, live or simulated: runner, host and supervision."""
+"""Construction of a run, live or simulated: mission, host and supervision."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def build_run(  # noqa: PLR0913 - the options of a run
         supervise: Rules for a run with motion; None: no supervision.
         clear_stop: Clear a latched stop of any cause at the start of the run.
         max_time_s: Maximum time of the drive, s; the run then ends with outcome ``timeout``.
-        resume: Continuation of the run after a loss of the device.
+        resume: Continuation of the run after a loss of the device; ignored with ``onboard``.
 
     """
     mission = (

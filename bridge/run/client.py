@@ -150,7 +150,10 @@ class DeviceClient:
 
         with noted(None if kind is GetParameter else name):
             exchange.wait(begin, name)
-        check_outcome(name, answers[0])
+        check_outcome(name, answers[0], self._signs)
+
+    def _signs(self) -> bool:
+        return self._exchange.call(lambda: self._exchange.session.signs)
 
     # ---- parameters -----------------------------------------------------------------------
 
@@ -250,7 +253,7 @@ class DeviceClient:
 
         exchange.wait(begin, name)
         for outcome, _ in answers:
-            check_outcome(name, outcome)
+            check_outcome(name, outcome, self._signs)
         return {found.number: found for _, found in answers if found is not None}
 
     # ---- other commands -------------------------------------------------------------------

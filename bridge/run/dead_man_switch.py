@@ -52,11 +52,13 @@ class DeadManSwitch:
     """Converts keys and sticks to the current velocity. All times are in s and from one clock."""
 
     max_speed_m_s: float
+    """Maximum of the speed setting, m/s."""
     speed_m_s: float
+    """Speed setting, m/s: forward speed at full deflection."""
     releases: bool = False
     """True if the terminal reports key releases."""
-    _held: dict[str, float] = field(default_factory=dict)
-    """Map of each held key to the time of its last event, s."""
+    _held: set[str] = field(default_factory=set)
+    """The held keys."""
     _event_s: float = -1e9
     _stick: tuple[float, float, float] | None = None
     """Forward share, yaw-rate share and time (s)."""
@@ -74,13 +76,13 @@ class DeadManSwitch:
                 self._held.clear()  # only the newest press counts
             elif key not in self._held and self._opposes(key):
                 self._held.clear()
-            self._held[key] = time_s
+            self._held.add(key)
             self._event_s = time_s
 
     def release(self, key: str, time_s: float) -> None:
         """Handle a key release."""
         with self._lock:
-            self._held.pop(key, None)
+            self._held.discard(key)
             self._event_s = time_s
 
     def stick(self, ahead: float, turn: float, time_s: float, *, held: bool) -> None:

@@ -9,6 +9,7 @@ from bridge.errors import (
     BridgeError,
     CommandRejectedError,
     DeviceLostError,
+    ExitStatus,
     Remedy,
     StoppedForSafetyError,
 )
@@ -50,9 +51,9 @@ def cannot_move(ending: Ending | None) -> BridgeError:
     if ending is None:
         return StoppedForSafetyError("the robot is not enabled: call enable() first")
     error: BridgeError = StoppedForSafetyError(ending.reason)
-    if ending.exit_status == 3:  # noqa: PLR2004 - exit status of a lost device
+    if ending.exit_status == ExitStatus.NO_DEVICE:
         error = DeviceLostError(ending.reason)
-    elif ending.exit_status == 4:  # noqa: PLR2004 - exit status of a rejected command
+    elif ending.exit_status == ExitStatus.REJECTED:
         error = CommandRejectedError("to move", ending.reason)
     error.remedy = ending.remedy
     return error
@@ -70,7 +71,9 @@ def crash_ending(error: BaseException, cause: StopCause, confirmed: StopCause | 
         how = "the device did not confirm the stop; check that the robot stands still"
     else:
         how = "the device has confirmed the stop"
-    return Ending("fault", f"the run's loop failed ({described(error)}); {how}", 1, cause)
+    return Ending(
+        "fault", f"the run's loop failed ({described(error)}); {how}", ExitStatus.FAILURE, cause
+    )
 
 
 def described(error: BaseException) -> str:

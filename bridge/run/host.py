@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
-from bridge.errors import Remedy
+from bridge.errors import ExitStatus, Remedy
 from bridge.motion.observation import HALT
 from bridge.run.commands import Dialogue, carry_out
 from bridge.run.ending import Ending
@@ -102,7 +102,13 @@ COUNT_PERIOD_NS = 100_000_000
 """Interval at which the link's counts are copied for other threads, ns. Faster changes are not
 readable on a display."""
 _AFTER_SILENCE_NS = round(STALE_S * 1e9)
-_EXIT = {EventKind.INCOMPATIBLE: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
+"""Time after a silence in which old data are not a sensor fault, ns."""
+_EXIT = {
+    EventKind.INCOMPATIBLE: ExitStatus.REJECTED,
+    EventKind.VERSION: ExitStatus.REJECTED,
+    EventKind.SEVERAL: ExitStatus.USAGE,
+}
+"""Exit status of a failed session by the kind of its failure; all others: no device."""
 
 
 class Host:
@@ -363,7 +369,7 @@ class Host:
                 self._session_ready(event, now_ns)
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
-                status = _EXIT.get(event.kind, 3)
+                status = _EXIT.get(event.kind, ExitStatus.NO_DEVICE)
                 remedy = Remedy.NODE if event.kind is EventKind.SEVERAL else None
                 if self.mission.under_way:  # sent even if no device is connected
                     self.session.stop(StopCause.LINK, now_ns)
@@ -433,7 +439,7 @@ class Host:
     def _check_needs(self, now_ns: HostNs) -> None:
         if self._missing and self.mission.runner is not None and self.mission.ending is None:
             text = f"the device cannot be driven: missing {', '.join(self._missing)}"
-            self.mission.request_end(Ending("fault", text, 4), now_ns / 1e9)
+            self.mission.request_end(Ending("fault", text, ExitStatus.REJECTED), now_ns / 1e9)
 
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
         fresh = self.state.take(message, device_us, now_ns / 1e9)
@@ -627,7 +633,7 @@ class Host:
         status = self.state.status
         if status and status.mode == Mode.ONBOARD and status.stop_cause == StopCause.NONE:
             # The device uses its own planner, and no run of this host supervises it.
-            ending = Ending("stopped", trouble.text, 5, StopCause.LINK)
+            ending = Ending("stopped", trouble.text, ExitStatus.STOPPED, StopCause.LINK)
             mission.request_end(ending, now_ns / 1e9)
 
     def _driven(self, pose: Pose2, now_ns: HostNs) -> None:

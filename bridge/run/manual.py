@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.run.host import CONTROL_PERIOD_NS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,10 +25,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.run.dead_man_switch import DeadManSwitch
 
-_STEP_S = 0.02
+_STEP_S = CONTROL_PERIOD_NS / 1e9
 """Control period, s."""
-_LOWPASS = 0.6
-"""Weight of the low-pass filter of the velocity smoothing."""
 
 
 class DriveMode(Enum):
@@ -58,15 +58,25 @@ class Operator:
         make_plan: Callable[[], PlanRunner] | None = None,
         manual: bool = False,
     ) -> None:
-        """Run ``plan`` at once if given; ``make_plan`` creates a plan at :meth:`start`."""
+        """Begin with ``plan`` if given, else without motion.
+
+        Args:
+            model: the robot.
+            dead_man_switch: converts the operator's input to velocities.
+            plan: plan that drives at once.
+            make_plan: creates a plan at :meth:`start`.
+            manual: begin with manual driving. A plan is then paused.
+
+        """
         self.dead_man_switch = dead_man_switch
         self._plan, self._make_plan = plan, make_plan
         self._drive_mode = DriveMode.PLAN if plan is not None else DriveMode.NOTHING
         if manual:
             self._drive_mode = DriveMode.MANUAL
         self._target = HALT
-        self._smooth_v = VelocitySmoother(model.max_accel_m_s2, _LOWPASS)
-        self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, _LOWPASS)
+        lowpass = MotionTuning().lowpass
+        self._smooth_v = VelocitySmoother(model.max_accel_m_s2, lowpass)
+        self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, lowpass)
         self._events: list[PlannerEvent] = []
         self._lock = threading.RLock()
         if self._drive_mode is DriveMode.MANUAL and self._plan is not None:

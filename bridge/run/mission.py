@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from bridge.errors import Remedy
+from bridge.errors import ExitStatus, Remedy
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.run.rejections import rejection_remedy, rejection_text
@@ -61,8 +61,11 @@ class Phase(Enum):
     WAITING = "waiting"
     """The run waits for the session and the first status."""
     CLEARING = "clearing"
+    """The run waits for the confirmation of a cleared stop."""
     ENABLING = "enabling"
+    """The run waits for the confirmation of its mode."""
     SETTLING = "settling"
+    """The robot stands still before the first move, or before it continues."""
     DRIVING = "driving"
     HOLDING = "holding"
     """The device is lost."""
@@ -76,6 +79,7 @@ class Request:
     """A request to the session: ``clear``, ``mode``, ``planner`` or ``stop``."""
 
     kind: str
+    """Action: clear a stop, set a mode, command the device's planner, or stop."""
     value: int
     """Stop cause, mode, or action of the device's planner."""
     planner: int = 0
@@ -87,7 +91,7 @@ _BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
 
 def _too_slow(link: LinkTrouble) -> Ending:
     """Return the end of a run because its link does not allow motion."""
-    return Ending("stopped", link.text, 5, StopCause.LINK)
+    return Ending("stopped", link.text, ExitStatus.STOPPED, StopCause.LINK)
 
 
 class Mission:
@@ -181,11 +185,6 @@ class Mission:
             self.runner = runner
             self._clear_any = clear_stop
 
-    @property
-    def stop_confirmed(self) -> bool:
-        """True if the device has confirmed the stop of the highest cause."""
-        return self.ending is not None and self.confirmed >= self.stop_cause
-
     def requests(self) -> list[Request]:
         """Return and remove the requests for the session."""
         requests = self.pending
@@ -210,7 +209,11 @@ class Mission:
     def _back(self, now_s: float) -> None:
         """Handle the return of the device that the run depends on."""
         if self._resume is Resume.NEVER:
-            ending = Ending("stopped", "the device was lost and is back; check it, then restart", 5)
+            ending = Ending(
+                "stopped",
+                "the device was lost and is back; check it, then restart",
+                ExitStatus.STOPPED,
+            )
             self._end(now_s, ending)
         elif self._resume is Resume.ASK:
             self._go(Phase.HOLDING, now_s)
@@ -271,7 +274,13 @@ class Mission:
             faults = "".join(f", {fault}" for fault in fault_labels(held))
             text = f"the device latched a stop (cause: {name}{faults})"
             self._end(
-                now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))
+                now_s,
+                Ending(
+                    "stopped",
+                    text,
+                    ExitStatus.STOPPED,
+                    latched=latched_cause(StopCause.NONE, cause),
+                ),
             )
         elif self.phase is Phase.DRIVING and self._drives_in is not None:
             self._check_mode(status.mode, self._drives_in, now_s)
@@ -281,7 +290,7 @@ class Mission:
         if mode != wanted:
             found, needed = label(Mode, mode), label(Mode, wanted)
             text = f"the device is in mode {found}, but the run needs {needed}"
-            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+            self._end(now_s, Ending("stopped", text, ExitStatus.STOPPED, StopCause.SUPERVISE))
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
         """Handle the outcome of a command."""
@@ -292,14 +301,20 @@ class Mission:
         if self.phase not in {Phase.CLEARING, Phase.ENABLING}:
             return
         if not outcome.accepted:
-            what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
+            what = "clear stop"
+            if isinstance(message, SetMode):
+                what = f"{label(Mode, message.mode)} mode"
             if outcome.reason is None:
                 hint = "; check that the key is the device's key" if self.signed else ""
-                ending = Ending("fault", f"the device did not answer {what}{hint}", 4)
+                ending = Ending(
+                    "fault", f"the device did not answer {what}{hint}", ExitStatus.REJECTED
+                )
             else:
                 text = f"the device rejected {what}: {rejection_text(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
-                ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
+                ending = Ending("fault", text, ExitStatus.REJECTED)
+                if stopped:
+                    ending = Ending("stopped", text, ExitStatus.STOPPED)
                 ending = replace(ending, remedy=rejection_remedy(outcome.reason))
             self._end(now_s, ending)
         elif isinstance(message, ClearStop):
@@ -387,9 +402,11 @@ class Mission:
             return
         if self.asking:
             text = "the device was lost and is back, but the operator did not continue the run"
-            self._end(now_s, Ending("stopped", text, 5))
+            self._end(now_s, Ending("stopped", text, ExitStatus.STOPPED))
             return
-        self.ending = Ending("fault", "the device was lost for 30 s", 3)
+        self.ending = Ending(
+            "fault", f"the device was lost for {LOST_TIMEOUT_S:g} s", ExitStatus.NO_DEVICE
+        )
         self._finish(now_s)
 
     def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
@@ -415,7 +432,7 @@ class Mission:
             if self.link is not None:
                 self._end(now_s, _too_slow(self.link))
             else:
-                self._end(now_s, Ending("fault", "no status from the device", 3))
+                self._end(now_s, Ending("fault", "no status from the device", ExitStatus.NO_DEVICE))
 
     def _rest_before_start(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
@@ -430,7 +447,7 @@ class Mission:
                 self._go(Phase.DRIVING, now_s)
             elif elapsed_s > self._at_rest_s + DATA_TIMEOUT_S:
                 text = f"no {stale or 'range'} data from the device"
-                ending = Ending("stopped", text, 5)
+                ending = Ending("stopped", text, ExitStatus.STOPPED)
                 if self.link is not None and obs is not None and stale is None:
                     ending = _too_slow(self.link)
                 self._end(now_s, ending)
@@ -445,18 +462,28 @@ class Mission:
         if stale is not None:
             self._end(
                 now_s,
-                Ending("stopped", f"no {stale} data from the device", 5, StopCause.SUPERVISE),
+                Ending(
+                    "stopped",
+                    f"no {stale} data from the device",
+                    ExitStatus.STOPPED,
+                    StopCause.SUPERVISE,
+                ),
             )
             return HALT
         command = runner.step(obs)
         if runner.finished:
-            self._end(now_s, Ending("complete", runner.finish_reason or "finished", 0))
+            self._end(
+                now_s, Ending("complete", runner.finish_reason or "finished", ExitStatus.SUCCESS)
+            )
         elif (
             self._max_time_s is not None
             and self.drive_started_s is not None
             and now_s - self.drive_started_s > self._max_time_s
         ):
-            self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
+            self._end(
+                now_s,
+                Ending("timeout", f"not finished after {self._max_time_s:g} s", ExitStatus.FAILURE),
+            )
             return HALT
         return command
 
@@ -484,7 +511,7 @@ class Mission:
                 Ending(
                     "stopped",
                     f"the robot has a latched stop (cause: {name}); check that it is safe to move",
-                    5,
+                    ExitStatus.STOPPED,
                     latched=latched_cause(StopCause.NONE, cause),
                     remedy=Remedy.CLEAR_STOP,
                 ),
@@ -520,7 +547,7 @@ class Mission:
             return  # the status shows that the device has stopped
         # This includes a clean end before the first move, because motion may be enabled.
         if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
-            self.ending = replace(self.ending, outcome="fault", exit_status=3)
+            self.ending = replace(self.ending, outcome="fault", exit_status=ExitStatus.NO_DEVICE)
 
     def _finish(self, now_s: float) -> None:
         if self.drive_started_s is not None and self.drive_ended_s is None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from bridge.errors import ExitStatus
 from bridge.motion.geometry import Pose2
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import DeviceMessage, EventRecord
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from bridge.run.ending import Ending
     from bridge.session.records import Record
     from bridge.supervise.settings import BatteryRule
-
-STOPPED_FOR_SAFETY = 5
-"""Exit status of a run that was stopped for safety."""
 
 
 class NoticeKind(StrEnum):
@@ -127,7 +125,7 @@ class NoticeSink:
 
     def finish(self, ending: Ending, exit_status: int, summary: Mapping[str, Any]) -> None:
         """Emit the notices of the run's end."""
-        if exit_status == STOPPED_FOR_SAFETY and not self._stop_noticed:
+        if exit_status == ExitStatus.STOPPED and not self._stop_noticed:
             cause = label(StopCause, ending.gravity)
             self._emit(NoticeKind.STOPPED_FOR_SAFETY, self._last_ns, ending.reason, cause=cause)
         self._notify(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
+from bridge.errors import ExitStatus
 from bridge.motion.observation import HALT
 from bridge.run.ending import Ending
 from bridge.run.mission import DATA_TIMEOUT_S, Mission, Phase, Request
@@ -119,7 +120,10 @@ class OnboardMission(Mission):
                 reason = outcome.reason
                 why = "no answer" if reason is None else rejection_text(reason)
                 text = f"the device rejected the start of its planner: {why}"
-                self._end(now_s, Ending("fault", text, 4, remedy=rejection_remedy(reason)))
+                self._end(
+                    now_s,
+                    Ending("fault", text, ExitStatus.REJECTED, remedy=rejection_remedy(reason)),
+                )
         else:
             super().on_command(outcome, now_s)
 
@@ -161,28 +165,33 @@ class OnboardMission(Mission):
             self._go(Phase.DRIVING, now_s)
         elif elapsed_s > self._at_rest_s + DATA_TIMEOUT_S:
             text = f"no {stale or 'range'} data from the device"
-            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+            self._end(now_s, Ending("stopped", text, ExitStatus.STOPPED, StopCause.SUPERVISE))
 
     def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> None:
         phase = self.onboard.state.state
         started_s, left_s = self.drive_started_s, self._left_s
         if phase == "finished":
-            self._finished("the device's planner finished")
-            self._end(now_s, Ending("complete", "the device's planner finished", 0))
+            self.onboard.finished = True
+            self.onboard.finish_reason = "the device's planner finished"
+            self._end(
+                now_s, Ending("complete", "the device's planner finished", ExitStatus.SUCCESS)
+            )
         elif phase == "aborted":
-            self._end(now_s, Ending("stopped", "the device's planner was aborted", 5))
+            self._end(
+                now_s, Ending("stopped", "the device's planner was aborted", ExitStatus.STOPPED)
+            )
         elif left_s is not None and now_s - left_s > LEFT_S:
             text = "the device left onboard mode without a reported end"
-            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+            self._end(now_s, Ending("stopped", text, ExitStatus.STOPPED, StopCause.SUPERVISE))
         elif stale is not None and obs is not None:
             text = f"no {stale} data from the device"
-            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+            self._end(now_s, Ending("stopped", text, ExitStatus.STOPPED, StopCause.SUPERVISE))
         elif (
             self._max_time_s is not None
             and started_s is not None
             and now_s - started_s > self._max_time_s
         ):
-            self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
-
-    def _finished(self, reason: str) -> None:
-        self.onboard.finished, self.onboard.finish_reason = True, reason
+            self._end(
+                now_s,
+                Ending("timeout", f"not finished after {self._max_time_s:g} s", ExitStatus.FAILURE),
+            )

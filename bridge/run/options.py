@@ -23,9 +23,11 @@ class HostOptions:
     unix_offset_ns: int
     """Unix time minus the host's monotonic clock, ns."""
     planner: str = ""
+    """Name of the planner in the log; empty: no planner."""
     start: Pose2 = _ORIGIN
     """Start pose in the map frame."""
     node: int | None = None
+    """Node of the device; None: the only device that answers."""
     link: type[LinkBase] = Link
     """Framing of the device's port: serial or CAN."""
     key: bytes | None = field(default=None, repr=False)

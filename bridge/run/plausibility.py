@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.errors import ExitStatus
 from bridge.run.displaced_start import RoomCheck
 from bridge.run.ending import Ending
 from bridge.run.spinning import SpinCheck
@@ -43,7 +44,7 @@ class FailedCheck(NamedTuple):
     @property
     def ending(self) -> Ending:
         """Return the end of the run."""
-        return Ending("stopped", self.text, 5, StopCause.SUPERVISE)
+        return Ending("stopped", self.text, ExitStatus.STOPPED, StopCause.SUPERVISE)
 
 
 class Plausibility:
@@ -80,12 +81,12 @@ class Plausibility:
     def step(
         self, inputs: RuleInputs, localisation: Localisation, now_ns: int
     ) -> FailedCheck | None:
-        """Check the run; return each failed check once."""
+        """Check the run; return a failed check, or None. A wrong start is returned once."""
         self._next_ns = now_ns + PERIOD_NS
         if localisation.displaced:
             self.displaced = True
             return FailedCheck(
-                _MOVED.format("walls are where it has driven"), ends=True, displaced=True
+                _MOVED.format("there are walls where it has driven"), ends=True, displaced=True
             )
         spinning = self._spin.step(inputs, stands=localisation.estimator.stands)
         if spinning is not None:

@@ -39,8 +39,3 @@ cdef class HostRecords:
     cpdef object plan(self, object runner, long long now_ns)
     cpdef object swept(self, object swept, long long now_ns)
     cpdef object clock(self, TimeSync sync, object hello, long long now_ns)
-
-
-cdef class LogFailureRule:
-    cdef object _recorder, _report
-    cdef bint _stop, _is_reported

@@ -7,7 +7,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from bridge.motion.estimation.disturbance import DisturbanceKind
-from bridge.run.ending import Ending
+from bridge.run.mission import LOST_TIMEOUT_S
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import (
     ClockRecord,
@@ -27,7 +27,7 @@ from protocol.can.frames import RECORD
 from protocol.messages.values import LogLevel, ResetCause, StopCause, fault_labels, label
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from bridge.coverage.planner import PlannerState
     from bridge.coverage.swept_map import SweptMap
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
-    from bridge.record.recorder import ThreadedRecorder
     from bridge.record.sink import Sink
     from bridge.run.runner import Runner
     from bridge.session.link_stats import WireStatistics
@@ -250,7 +249,8 @@ class HostRecords:
 
     def asking(self, now_ns: int) -> None:
         """Record that the run waits for the operator after a loss."""
-        text = "check the robot, then press r to continue or s to end the run (within 30 s)"
+        within = f"within {LOST_TIMEOUT_S:g} s"
+        text = f"check the robot, then press r to continue or s to end the run ({within})"
         self.event(now_ns, Severity.WARNING, "session", EventKind.ASKING, text)
 
     def identity(self, event: SessionReady, now_ns: int) -> None:
@@ -340,31 +340,3 @@ class HostRecords:
                 hello.boot_id,
             )
         )
-
-
-class LogFailureRule:
-    """Ends the run or reports an event when the log fails."""
-
-    def __init__(
-        self,
-        recorder: ThreadedRecorder,
-        report: Callable[[Severity, str, EventKind, str], None],
-        *,
-        stop_on_error: bool,
-    ) -> None:
-        """``report`` receives an event: severity, source, kind and text."""
-        self._recorder, self._report = recorder, report
-        self._stop = stop_on_error
-        self._is_reported = False
-
-    def __call__(self) -> Ending | None:
-        """Return the end of the run, or None. Called in every pass of the loop."""
-        error = self._recorder.error
-        if error is None or (self._is_reported and not self._stop):
-            return None
-        if self._stop:
-            return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
-        self._is_reported = True
-        text = f"the log failed: {error}; the run continues without a log, as requested"
-        self._report(Severity.ERROR, "recorder", EventKind.FAILED, text)
-        return None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bridge.errors import (
     CommandRejectedError,
     DeviceLostError,
+    NoAnswerError,
     ParameterError,
     Remedy,
     shown,
@@ -15,7 +16,7 @@ from protocol.messages.values import NackReason, label
 from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from protocol.link import LinkBase
     from protocol.retransmission import Outcome
@@ -60,12 +61,15 @@ def check_fields(what: str, kind: type[Message], fields: Sequence[object]) -> No
             raise ParameterError(f"{what}: {field.name} {shown(value)} is not in {low} to {high}")
 
 
-def check_outcome(what: str, outcome: Outcome | None) -> None:
+def check_outcome(what: str, outcome: Outcome | None, signs: Callable[[], bool]) -> None:
     """Check that a command was executed; None: no device was connected.
+
+    ``signs`` returns whether commands are signed with a key. The key may differ from the device's.
 
     Raises:
         CommandRejectedError: the device rejected the command.
-        DeviceLostError: the device did not answer.
+        DeviceLostError: no device was connected.
+        NoAnswerError: the device did not answer.
 
     """
     if outcome is None:
@@ -73,7 +77,7 @@ def check_outcome(what: str, outcome: Outcome | None) -> None:
     if outcome.accepted:
         return
     if outcome.reason is None:
-        raise DeviceLostError(f"the device did not answer {what}; check the link")
+        raise NoAnswerError(what, signed=signs())
     error = CommandRejectedError(what, rejection_text(outcome.reason))
     error.remedy = rejection_remedy(outcome.reason)
     raise error

@@ -121,7 +121,10 @@ class RobotState:
 
     @property
     def arrived_s(self) -> Mapping[type[Message], float]:
-        """Host time of each type's newest sample (s), from its device stamp."""
+        """Host time of each type's newest sample, s, from its device stamp.
+
+        Of a plug-in's message: its arrival.
+        """
         return self.times.taken_s
 
     def take(self, message: Message, device_us: int, now_s: float) -> bool:

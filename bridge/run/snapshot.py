@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 from bridge.session.link_stats import wire_summary
 from bridge.session.monitor import physical
+from bridge.supervise.inputs import newest_of
 from protocol.messages.device import LinkCounters
 from protocol.messages.values import Fault, Mode, ResetCause, StopCause, fault_labels, label
 from protocol.schema.catalogue import CATALOGUE
@@ -53,6 +54,8 @@ class StateSnapshot(NamedTuple):
     planner: PlannerState | None
     """State of the device's own planner."""
     arrived_s: Mapping[type[Message], float]
+    """Host time of each type's newest sample, s, from its device stamp; of a plug-in's message: its
+    arrival."""
     plugged: Mapping[type[Message], Message] = MappingProxyType({})
     """Newest message of each class of a plug-in."""
     counters: LinkCounters | None = None
@@ -60,8 +63,7 @@ class StateSnapshot(NamedTuple):
 
     def newest(self, kind: type[M]) -> M | None:
         """Return the newest message of a plug-in's class; None if none has arrived."""
-        message = self.plugged.get(kind)
-        return message if isinstance(message, kind) else None
+        return newest_of(self.plugged, kind)
 
 
 class RunnerSnapshot(NamedTuple):
@@ -156,7 +158,7 @@ class Snapshot(NamedTuple):
     """The loop's own map. Other threads may only copy it and read its area."""
 
 
-def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
+def snapshot_to_dict(seen: Snapshot, now_s: float) -> dict[str, Any]:
     """Return session, device, run, sensors, pose and link for JSON; unknown values are None.
 
     ``now_s`` is host time; ages are in seconds since the sample was taken.

@@ -56,7 +56,8 @@ def contradictions(
         if not mount.fitted:
             continue
         measured = _middle([reading[at] for reading in readings])
-        origin, heading = _placed(mount, pose)
+        origin = pose.transform(mount.x_m, mount.y_m)
+        heading = pose.theta_rad + mount.yaw_rad
         near_m, far_m = _expected(edges, origin, heading, mount)
         if not _possible(measured, near_m, far_m, mount):
             shown = "nothing" if measured is None else f"{measured:.2f} m"
@@ -69,15 +70,6 @@ def contradictions(
 def _middle(values: list[Reading]) -> Reading:
     seen = [value for value in values if value is not None]
     return median(seen) if 2 * len(seen) > len(values) else None
-
-
-def _placed(mount: RangerMount, pose: Pose2) -> tuple[Point, float]:
-    c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
-    origin = (
-        pose.x_m + c * mount.x_m - s * mount.y_m,
-        pose.y_m + s * mount.x_m + c * mount.y_m,
-    )
-    return origin, pose.theta_rad + mount.yaw_rad
 
 
 def _expected(
@@ -96,10 +88,10 @@ def _expected(
     )
     # A smooth wall reflects sound back only along its normal. In other directions there may be no
     # echo.
-    square = [_square(origin, heading, half, a, b) for a, b in edges]
+    orthogonal = [_orthogonal(origin, heading, half, a, b) for a, b in edges]
     visible_m = [
         distance_m
-        for distance_m, direction in square
+        for distance_m, direction in orthogonal
         if min(_ray_m(origin, direction, a, b) for a, b in edges) > distance_m - _BEHIND_M
     ]
     return near_m, min(visible_m, default=math.inf)
@@ -129,7 +121,9 @@ def _ray_m(origin: Point, heading: float, a: Point, b: Point) -> float:
     return along if along >= 0.0 and 0.0 <= across <= 1.0 else math.inf
 
 
-def _square(origin: Point, heading: float, half: float, a: Point, b: Point) -> tuple[float, float]:
+def _orthogonal(
+    origin: Point, heading: float, half: float, a: Point, b: Point
+) -> tuple[float, float]:
     """Return distance and direction of a wall with its normal well inside the cone, or ``inf``."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     length2 = ex * ex + ey * ey

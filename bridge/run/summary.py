@@ -98,6 +98,7 @@ _UNKNOWN = (
     *("duration_s", "path_m", "turns", "collisions", "contact_s", "energy_wh"),
     *("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"),
 )
+"""Keys that are None in the summary of a run that failed in the program."""
 
 
 def crash_summary(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from bridge.errors import ExitStatus
 from bridge.motion.observation import HALT, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.session.records import Severity
@@ -173,7 +174,7 @@ class Supervision:
             self._end(reaction.text)
 
     def _end(self, text: str, *, first: bool = False) -> None:
-        ending = Ending("stopped", f"supervise: {text}", 5, StopCause.SUPERVISE)
+        ending = Ending("stopped", f"supervise: {text}", ExitStatus.STOPPED, StopCause.SUPERVISE)
         self._decisions.append(End(ending, first))
 
     def _pause(self, now_ns: HostNs) -> None:

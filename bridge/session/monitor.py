@@ -69,13 +69,19 @@ class TypeCount:
         self._times.append(seen.host_ns)
 
     def rate_hz(self, now_ns: int, since_ns: int) -> float:
-        """Return messages per second over the window, or since the start if that is later."""
+        """Return the mean rate over the window; it decreases if no message arrives.
+
+        Intervals are counted, not messages: two messages that are 1 s apart are 1 Hz. Without an
+        interval the rate is that of the messages since the start, over at least 1 s.
+        """
         oldest = now_ns - RATE_WINDOW_NS
         times = self._times
         while times and times[0] < oldest:
             times.popleft()
-        window_s = min(RATE_WINDOW_NS, max(now_ns - since_ns, 1)) / _SECOND
-        return len(times) / window_s
+        if not times or times[0] == times[-1]:
+            return len(times) / (min(RATE_WINDOW_NS, max(now_ns - since_ns, _SECOND)) / _SECOND)
+        mean_ns = (times[-1] - times[0]) / (len(times) - 1)
+        return _SECOND / max(mean_ns, (now_ns - times[0]) / len(times))
 
 
 class Monitor:

@@ -10,6 +10,7 @@ from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages.host import TimeRequest, VelocitySetpoint, WheelDuty
 from protocol.retransmission import CommandSender
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
     from protocol.retransmission import Outcome
     from protocol.schema.message import Message
 
+_V_STEP, _YAW_RATE_STEP = (float(f.scale) for f in CATALOGUE.spec(VelocitySetpoint).fields[:2])
+"""Resolution of a velocity setpoint, m/s and rad/s."""
+_DUTY_ONE = int(1 / CATALOGUE.spec(WheelDuty).fields[0].scale)
+"""Number of steps of a full duty."""
 _PINGS_KEPT = 64
 """Maximum number of pings that wait for a reply. They cover 6 s at 10 Hz, so that the round trip of
 a very slow link is measured too."""
@@ -64,7 +69,7 @@ class Outbox:
         """
         _check(v_m_s, yaw_rate_rad_s, "velocity")
         self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
-        v, yaw_rate = _raw(v_m_s / 0.0001), _raw(yaw_rate_rad_s / 0.0002)
+        v, yaw_rate = _raw(v_m_s / _V_STEP), _raw(yaw_rate_rad_s / _YAW_RATE_STEP)
         node = NODE_ALL if self.node is None else self.node
         message = VelocitySetpoint(v, yaw_rate, ttl_ms, counter)
         self._link.send(message, now_ns // 1000, node=node, latest=True)
@@ -78,7 +83,7 @@ class Outbox:
         """
         _check(left, right, "duty")
         self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
-        raw = [round(10_000 * max(-1.0, min(1.0, duty))) for duty in (left, right)]
+        raw = [round(_DUTY_ONE * max(-1.0, min(1.0, duty))) for duty in (left, right)]
         self.send(WheelDuty(raw[0], raw[1], ttl_ms, counter), now_ns, latest=True)
 
     def ping(self, now_ns: HostNs) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ParameterError, shown
 from bridge.spelling import nearest
 from protocol.messages.values import ParameterFlag, ParameterKind, label
+from protocol.parameter_values import from_raw, rounded_f32, to_raw
 
 if TYPE_CHECKING:
     from protocol.messages.device import ParameterValue
 
-_F32 = struct.Struct("<f")
-_U32 = struct.Struct("<I")
 _VALUES = ("value", "default", "low", "high")
 
 
@@ -96,7 +94,7 @@ class Parameter:
             raise ParameterError(
                 f"{self.name}: {number:g} is not in {self.low:g} to {self.high:g}{unit}"
             )
-        return to_raw(self.kind, number)
+        return to_raw(ParameterKind.F32 if self.kind == "f32" else ParameterKind.U32, number)
 
     def _number(self, value: float | str) -> float:
         if isinstance(value, bool):  # float(True) is 1.0: 1 m/s for a top speed
@@ -110,29 +108,12 @@ class Parameter:
         if self.kind == "f32":
             # Round to 32 bits as the wire format does, because the range's limits have 32 bits too.
             try:
-                rounded: float = _F32.unpack(_F32.pack(number))[0]
+                return rounded_f32(number)
             except OverflowError:
                 return number
-            return rounded
         if number != int(number):
             raise ParameterError(f"{self.name}: {value} is not a whole number")
         return number
-
-
-def from_raw(kind: int, raw: int) -> float:
-    """Convert 32 bits to a value. A float may be infinite or NaN."""
-    if kind == ParameterKind.F32:
-        value: float = _F32.unpack(_U32.pack(raw))[0]
-        return value
-    return raw
-
-
-def to_raw(kind: str, value: float) -> int:
-    """Convert a value, which is in range, to 32 bits."""
-    if kind == "f32":
-        raw: int = _U32.unpack(_F32.pack(value))[0]
-        return raw
-    return int(value) & 0xFFFF_FFFF
 
 
 def closest(name: str, known: list[str]) -> str:

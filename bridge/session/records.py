@@ -109,7 +109,8 @@ class EventRecord(NamedTuple):
     log_ns: int
     severity: Severity
     source: str
-    """``planner``, ``session``, ``safety``, ``link``, ``clock``, ``device`` or ``recorder``."""
+    """Part that reports the event, such as ``session``, ``link``, ``clock``, ``device``,
+    ``operator`` or ``recorder``."""
     kind: str
     text: str
     data: dict[str, Any]

@@ -20,6 +20,12 @@ Scalar = float | str | bool
 M = TypeVar("M", bound="Message")
 
 
+def newest_of(messages: Mapping[type[Message], Message], kind: type[M]) -> M | None:
+    """Return the message of a class, or None."""
+    message = messages.get(kind)
+    return message if isinstance(message, kind) else None
+
+
 CREEP_M_S = 0.05
 """Maximum forward speed that the device itself allows with a bumper switch pressed, m/s."""
 _CLIFF, _LIMITED = int(Contact.CLIFF), int(Fault.LIMITED)
@@ -73,8 +79,7 @@ class RuleInputs(NamedTuple):
 
     def newest(self, kind: type[M]) -> M | None:
         """Return the newest message of a class that a plug-in declares, or None."""
-        message = self.plugged.get(kind)
-        return message if isinstance(message, kind) else None
+        return newest_of(self.plugged, kind)
 
 
 class Reaction(NamedTuple):

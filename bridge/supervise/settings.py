@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import sweepctl_plugins
 from bridge.errors import ConfigError
+from bridge.motion.robot_model import bounded
 from bridge.validation import fill, number
 
 if TYPE_CHECKING:
@@ -52,19 +53,14 @@ class Level(enum.IntEnum):
     """A stop is latched, cause ``supervise``."""
 
 
-def _in(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
-    """Declare a number with range, unit and meaning, as in the reference of robot files."""
-    return field(default=default, metadata={"range": (low, high), "unit": unit, "meaning": meaning})
-
-
 def _after(default: float) -> Any:  # noqa: ANN401 - the type of a dataclass field
     meaning = "time for which the condition must hold before `reaction`"
-    return _in(default, 0.0, MAX_SECONDS, "s", meaning)
+    return bounded(default, 0.0, MAX_SECONDS, "s", meaning)
 
 
 def _then(default: float) -> Any:  # noqa: ANN401 - the type of a dataclass field
     meaning = "time from the first reaction to `then` while the condition holds"
-    return _in(default, 0.0, MAX_SECONDS, "s", meaning)
+    return bounded(default, 0.0, MAX_SECONDS, "s", meaning)
 
 
 def _polygon(path: str, value: object) -> tuple[Point, ...]:
@@ -104,7 +100,7 @@ class StallRule(Rule):
     reaction: Level = Level.PAUSE
     after_s: float = _after(0.6)
     then_s: float = _then(1.0)
-    current_a: float = _in(
+    current_a: float = bounded(
         0.5,
         0.05,
         50.0,
@@ -121,10 +117,10 @@ class SlipRule(Rule):
     after_s: float = _after(0.3)
     then: Level = Level.PAUSE
     then_s: float = _then(3.0)
-    difference_m_s: float = _in(
+    difference_m_s: float = bounded(
         0.015, 0.001, 1.0, "m/s", "speed difference between the wheels' rims and the gyro's turn"
     )
-    share: float = _in(
+    share: float = bounded(
         0.25,
         0.02,
         1.0,
@@ -138,7 +134,7 @@ class TiltRule(Rule):
     """The robot tilts."""
 
     after_s: float = _after(0.3)
-    angle_deg: float = _in(12.0, 1.0, 90.0, "°", "angle between gravity and the upright axis")
+    angle_deg: float = bounded(12.0, 1.0, 90.0, "°", "angle between gravity and the upright axis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +149,9 @@ class BumpRule(Rule):
     reaction: Level = Level.REPORT
     then: Level = Level.PAUSE
     then_s: float = _then(10.0)
-    count: float = _in(18.0, 1.0, 10_000.0, "1", "number of bumps within `window_s`")
-    window_s: float = _in(15.0, 0.0, MAX_SECONDS, "s", "time in which bumps are counted")
-    held_s: float = _in(5.0, 0.0, MAX_SECONDS, "s", "time for which a switch is closed")
+    count: float = bounded(18.0, 1.0, 10_000.0, "1", "number of bumps within `window_s`")
+    window_s: float = bounded(15.0, 0.0, MAX_SECONDS, "s", "time in which bumps are counted")
+    held_s: float = bounded(5.0, 0.0, MAX_SECONDS, "s", "time for which a switch is closed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +160,7 @@ class CliffRule(Rule):
 
     reaction: Level = Level.REPORT
     then_s: float = _then(3.0)
-    ahead_m: float = _in(
+    ahead_m: float = bounded(
         0.05, 0.0, 1.0, "m", "distance driven ahead after the detection that is grave"
     )
 
@@ -176,8 +172,8 @@ class BatteryRule(Rule):
     reaction: Level = Level.REPORT
     after_s: float = _after(0.5)
     then_s: float = _then(MAX_SECONDS)
-    low_v: float = _in(12.8, 1.0, 100.0, "V", "low voltage")
-    empty_v: float = _in(12.0, 1.0, 100.0, "V", "empty voltage, which is grave")
+    low_v: float = bounded(12.8, 1.0, 100.0, "V", "low voltage")
+    empty_v: float = bounded(12.0, 1.0, 100.0, "V", "empty voltage, which is grave")
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +182,8 @@ class SilenceRule(Rule):
 
     reaction: Level = Level.REPORT
     then_s: float = _then(0.3)
-    silent_s: float = _in(0.4, 0.05, MAX_SECONDS, "s", "time without a frame")
-    stream_s: float = _in(1.0, 0.1, MAX_SECONDS, "s", "time without a message of a stream")
+    silent_s: float = bounded(0.4, 0.05, MAX_SECONDS, "s", "time without a frame")
+    stream_s: float = bounded(1.0, 0.1, MAX_SECONDS, "s", "time without a message of a stream")
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +192,10 @@ class ProgressRule(Rule):
 
     reaction: Level = Level.PAUSE
     then_s: float = _then(60.0)
-    window_s: float = _in(
+    window_s: float = bounded(
         60.0, 1.0, MAX_SECONDS, "s", "time in which the robot must leave the square"
     )
-    min_side_m: float = _in(
+    min_side_m: float = bounded(
         0.10, 0.001, 10.0, "m", "side of a square that the robot must leave within the window"
     )
 
@@ -208,7 +204,7 @@ class ProgressRule(Rule):
 class FenceRule(Rule):
     """The robot is outside its fence. The default has no fence."""
 
-    radius_m: float = _in(
+    radius_m: float = bounded(
         0.0, 0.0, 1000.0, "m", "radius around the pose at the start of the run; 0: none"
     )
     polygon: tuple[Point, ...] = field(
@@ -227,13 +223,13 @@ class DisagreementRule(Rule):
 
     reaction: Level = Level.PAUSE
     then_s: float = _then(5.0)
-    distance_m: float = _in(
+    distance_m: float = bounded(
         0.03, 0.001, 1.0, "m", "maximum difference of D and the odometry of the lane"
     )
-    equal_m: float = _in(
+    equal_m: float = bounded(
         0.02, 0.0, 1.0, "m", "difference up to which the device treats D and Prev-D as equal"
     )
-    motion_s: float = _in(
+    motion_s: float = bounded(
         1.0, 0.1, 60.0, "s", "maximum time of a motion that contradicts the reported phase"
     )
 
@@ -268,9 +264,11 @@ class SuperviseSettings:
     disagreement: DisagreementRule = DisagreementRule()
     sensor: SensorRule = SensorRule()
     reset: ResetRule = ResetRule()
-    slow_factor: float = _in(0.5, 0.05, 1.0, "1", "factor of all speeds in slow driving")
-    slow_for_s: float = _in(5.0, 0.1, MAX_SECONDS, "s", "time of slow driving after its last cause")
-    pause_limit_s: float = _in(
+    slow_factor: float = bounded(0.5, 0.05, 1.0, "1", "factor of all speeds in slow driving")
+    slow_for_s: float = bounded(
+        5.0, 0.1, MAX_SECONDS, "s", "time of slow driving after its last cause"
+    )
+    pause_limit_s: float = bounded(
         60.0, 1.0, MAX_SECONDS, "s", "maximum time of a pause before it becomes a stop"
     )
 
@@ -298,7 +296,7 @@ class PluggedRule(Rule):
         raise NotImplementedError
 
 
-limited = _in
+limited = bounded
 """Function that declares a number of a rule: default, minimum, maximum, unit and meaning."""
 
 

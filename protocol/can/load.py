@@ -9,7 +9,7 @@ from protocol.can.frames import worst_bits as worst_frame_bits
 from protocol.can.transfers import content, segments
 from protocol.messages.device import LogText, TimeReply
 from protocol.messages.host import TimeRequest
-from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message
@@ -19,6 +19,7 @@ PING_HZ = 10.0
 """Maximum rate of time requests and replies, Hz, in a session's first seconds."""
 LOG_HZ, LOG_BYTES = 10.0, 40
 """Maximum rate of log lines, Hz, and their usual length, bytes."""
+_VERSION = PROTOCOL_VERSION << 4
 
 
 class Load(NamedTuple):
@@ -58,7 +59,9 @@ def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
         if spec.text_field is not None:
             payload += b"x" * LOG_BYTES
         found.append(
-            _load(spec.name, [(rate_hz, len(s)) for s in segments(content(0x10, 0, payload), 0)])
+            _load(
+                spec.name, [(rate_hz, len(s)) for s in segments(content(_VERSION, 0, payload), 0)]
+            )
         )
     return found
 
@@ -73,7 +76,7 @@ def _load(name: str, frames: list[tuple[float, int]]) -> Load:
 
 
 def report(bitrate: int = BITRATE, catalogue: Catalogue = CATALOGUE) -> list[str]:
-    """Return the lines of a readable table; the last lines are the sums."""
+    """Return the lines of a readable table; the last line is the sum."""
     rows = loads(catalogue)
     rows.append(
         Load(

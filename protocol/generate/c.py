@@ -25,6 +25,7 @@ from protocol.generate import c_can, c_messages
 from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.message import MAKERS_TYPES
+from protocol.uart.crc import crc_table
 from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
     MAX_DECODED,
@@ -87,8 +88,8 @@ def _source(catalogue: Catalogue) -> str:
         version=PROTOCOL_VERSION,
         hash=f"{catalogue.hash:08X}",
         messages=len(catalogue.specs),
-        crc_table=_table(_crc_table(8)),
-        crc_nibbles=_table(_crc_table(4)),
+        crc_table=_table(crc_table(8)),
+        crc_nibbles=_table(crc_table(4)),
         definitions="\n".join(c_messages.definition(spec) for spec in catalogue),
         message_rows=c_messages.table_rows(catalogue),
         chain_rows=c_messages.chain_rows(catalogue),
@@ -112,16 +113,6 @@ def _source(catalogue: Catalogue) -> str:
         step_us=STEP_US,
         drift=_PPM // DRIFT_PPM,
     )
-
-
-def _crc_table(bits: int) -> list[int]:
-    table = []
-    for value in range(1 << bits):
-        register = value
-        for _ in range(bits):
-            register = register >> 1 ^ (0xEDB88320 if register & 1 else 0)
-        table.append(register)
-    return table
 
 
 def _table(values: list[int]) -> str:

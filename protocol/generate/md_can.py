@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.can.frames import is_native, nominal_bits, parts_of, worst_bits
+from protocol.can.load import BITRATE
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
     from protocol.schema.catalogue import Catalogue
     from protocol.schema.fields import Field
     from protocol.schema.message import MessageSpec
-
-BITRATE = 500_000
 
 
 def can_tables(catalogue: Catalogue) -> Iterator[str]:

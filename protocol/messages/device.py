@@ -79,7 +79,7 @@ class Status(Message):
     ),
 )
 class Imu(Message):
-    """Raw MPU6050 registers (±2 g, ±250 °/s), in the chip's order."""
+    """Raw counts in the MPU6050's register order; ±2 g, ±250 °/s unless ``imu_info`` differs."""
 
     accel_x: Annotated[int, number(I16, "m/s2", "forward", scale=_ACCEL_SCALE)]
     accel_y: Annotated[int, number(I16, "m/s2", "left", scale=_ACCEL_SCALE)]

@@ -86,8 +86,8 @@ class MessageComparison:
             case Match.NEWER:
                 extra = self.peer_fields - len(names)
                 if self.spec.direction is Direction.HOST:
-                    return f"{name}: the device knows {extra} more field(s), not sent to it"
-                return f"{name}: the device sends {extra} more field(s), passed over"
+                    return f"{name}: the device declares {extra} more field(s), which are not sent"
+                return f"{name}: the device sends {extra} more field(s), which are ignored"
             case Match.MISSING:
                 return f"{name}: the device does not have it; disabled"
             case Match.DIFFERENT:

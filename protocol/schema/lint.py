@@ -20,7 +20,8 @@ the CRC detects every error of up to 5 bits."""
 CAN_PAYLOAD_MAX = 6
 """Maximum payload of one native CAN frame, bytes, without its 16-bit stamp."""
 MAX_PAYLOAD = 241
-"""Maximum payload, bytes: a decoded frame of 253 B minus header and CRC."""
+"""Maximum payload, bytes: a decoded frame of 253 B minus header and CRC. It repeats
+``framing.MAX_PAYLOAD``, because ``framing`` imports the catalogue, which imports this module."""
 
 
 def findings(specs: Iterable[MessageSpec]) -> list[str]:
@@ -83,12 +84,12 @@ def _can_parts(spec: MessageSpec) -> Iterator[str]:
         if part >= len(spec.can_parts):
             yield f"CAN part {part} has no type of its own"
     if spec.direction is Direction.HOST and any(p.slow_us for p in spec.can_parts):
-        yield "a host's message has a slow CAN part: a device joins what comes at once"
+        yield "a host's message has a slow CAN part: a device needs all parts at once"
     if MAX_TYPE >= spec.type_id >= 0 and spec.can_parts[0].can_type != spec.type_id:
         yield f"CAN part 0 has type {spec.can_parts[0].can_type:#x}, not the message's own"
     own = spec.can_parts[0].can_type
     if [p.can_type - own for p in spec.can_parts] != list(range(len(spec.can_parts))):
-        yield "CAN parts rank together: each type is one more than the one before"
+        yield "the types of CAN parts must be consecutive"
     if len(spec.can_parts) > 1:
         yield from (f"CAN part {i} has no name" for i, p in enumerate(spec.can_parts) if not p.name)
 

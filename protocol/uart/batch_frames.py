@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from protocol.uart.crc import crc_table
 from protocol.uart.framing import CRC, MAX_DECODED, MAX_ENCODED, MIN_DECODED, Damage
 
 if TYPE_CHECKING:
@@ -143,9 +144,7 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 def _effects() -> NDArray[np.uint32]:
     """Return the effect of one byte on the CRC, indexed by distance from the end and by value."""
-    step = np.arange(256, dtype=np.uint32)
-    for _ in range(8):
-        step = (step >> np.uint32(1)) ^ np.where(step & np.uint32(1), _POLYNOMIAL, np.uint32(0))
+    step = np.array(crc_table(8), np.uint32)
     effects = np.empty((MAX_DECODED, 256), np.uint32)
     effects[0] = step
     for distance in range(1, MAX_DECODED):
@@ -154,6 +153,4 @@ def _effects() -> NDArray[np.uint32]:
     return effects
 
 
-_POLYNOMIAL = np.uint32(0xEDB88320)
-"""CRC polynomial 0x04C11DB7 with its bits reversed."""
 _EFFECTS = _effects()

@@ -15,6 +15,7 @@ from protocol import primitives
 from protocol.errors import FieldRangeError, LocalError
 from protocol.schema.catalogue import PROTOCOL_VERSION
 from protocol.schema.message import MAX_TYPE
+from protocol.uart.crc import crc_table
 
 HEADER = struct.Struct("<BBBBI")
 CRC = struct.Struct("<I")
@@ -32,18 +33,7 @@ RESIDUE = 0xDEBB20E3
 """Value of the CRC register after an intact frame and its CRC."""
 
 
-def _crc_table() -> list[int]:
-    """Return the effect of each byte value on the CRC register."""
-    table = []
-    for byte in range(256):
-        register = byte
-        for _ in range(8):
-            register = register >> 1 ^ (0xEDB88320 if register & 1 else 0)  # 0x04C11DB7 reversed
-        table.append(register)
-    return table
-
-
-_CRC_TABLE = _crc_table()
+_CRC_TABLE = crc_table(8)
 _MAX_ENCODED, _MAX_PAYLOAD, _MIN_DECODED = MAX_ENCODED, MAX_PAYLOAD, MIN_DECODED
 _RESIDUE = RESIDUE
 # In compiled code these names are C integers; the names above are Python objects.

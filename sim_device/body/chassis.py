@@ -7,6 +7,7 @@ from math import exp
 from typing import TYPE_CHECKING
 
 from sim_device.body.drive_kernel import TICK_S
+from sim_device.change_flag import ChangeFlag
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from sim_device.body.motors import MotorParameters
 
 _MASSLESS = 1e12
-_set = object.__setattr__
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Chassis:
 
 
 @dataclass(slots=True)
-class PlantFaults:
+class PlantFaults(ChangeFlag):
     """Present faults of the drive; they may change between two calls of ``Plant.advance_ms``."""
 
     stuck_left: bool = False
@@ -54,13 +54,8 @@ class PlantFaults:
     slip_right: float = 0.0
     lifted: bool = False
     """True: the robot is in the air. The wheels turn freely, and the robot has no contacts."""
-    touched: bool = field(default=True, init=False, repr=False, compare=False)
+    changed: bool = field(default=True, init=False, repr=False, compare=False)
     """True if a fault was set since the plant last read this object."""
-
-    def __setattr__(self, name: str, value: float) -> None:
-        _set(self, name, value)
-        if name != "touched":
-            _set(self, "touched", True)  # noqa: FBT003 - the new value
 
 
 def fill_parameters(b: Body, motor: MotorParameters, chassis: Chassis, model: RobotModel) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.floor_plan.floor_plan import contains
+from protocol.imu import GRAVITY_M_S2
 from sim_device.body.drive_kernel import SLIP_DRAWS, SLOW_MS, TICK_S, tread
 from sim_device.noise import SLIP_TIME_S, Draws
 from sim_device.world.carpets import carpet_under
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
     from sim_device.world.world import World
 
-GRAVITY_M_S2 = 9.80665
 _FADE = SLOW_MS * TICK_S / SLIP_TIME_S
 _FASTEST_M_TICK = 0.005
 """Maximum motion of the robot in a millisecond, m, even if a walking person pushes it."""

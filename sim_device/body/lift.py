@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 
+from protocol.imu import GRAVITY_M_S2
+
 HEIGHT_M = 0.10
 HALF_S = 0.2
 TILT_DEG = 8.0
-_GRAVITY_M_S2 = 9.80665
-PUSH_G = HEIGHT_M / HALF_S**2 / _GRAVITY_M_S2
+PUSH_G = HEIGHT_M / HALF_S**2 / GRAVITY_M_S2
 _WHOLE_MS = 2000.0 * HALF_S
 
 

@@ -34,52 +34,6 @@ class MotorParameters:
     time_constant_s: float = 0.05
     """Time constant τ of the lag, s, with the robot's mass."""
 
-    def terminal_v(self, duty: float, supply_v: float, drop_v: float) -> float:
-        """Return the motor voltage for a duty in -1..1, after the bridge's drop (L298N 1.8-2 V)."""
-        magnitude = abs(duty) * supply_v - drop_v
-        if magnitude <= 0.0:
-            return 0.0
-        return magnitude if duty > 0.0 else -magnitude
-
-    def target_rad_s(self, terminal_v: float, wheel_rad_s: float, drag_v: float) -> float:
-        """Return the wheel speed that the first-order lag approaches.
-
-        Drag acts against the motion, or at rest against the motor torque. The result is 0 if
-        ``wheel_rad_s`` is 0 and the torque does not overcome the drag.
-        """
-        if wheel_rad_s > 0.0:
-            return (terminal_v - drag_v) / self.back_emf_v_s
-        if wheel_rad_s < 0.0:
-            return (terminal_v + drag_v) / self.back_emf_v_s
-        if terminal_v > drag_v:
-            return (terminal_v - drag_v) / self.back_emf_v_s
-        if terminal_v < -drag_v:
-            return (terminal_v + drag_v) / self.back_emf_v_s
-        return 0.0
-
-    def steady_rad_s(self, terminal_v: float) -> float:
-        """Return the steady wheel speed with friction as the only load; 0 in the dead band."""
-        return self.target_rad_s(terminal_v, 0.0, self.friction_v)
-
     def current_a(self, terminal_v: float, wheel_rad_s: float) -> float:
         """Return the motor current; negative while the motor brakes."""
         return (terminal_v - self.back_emf_v_s * wheel_rad_s) / self.resistance_ohm
-
-    def charge_c(self, terminal_v: float, turned_rad: float, duration_s: float) -> float:
-        """Return the integral of the motor current at a constant voltage.
-
-        The current is linear in the wheel speed, so the integral depends only on the turned angle
-        and the duration.
-        """
-        return (terminal_v * duration_s - self.back_emf_v_s * turned_rad) / self.resistance_ohm
-
-    def duty_for(self, wheel_rad_s: float, supply_v: float, drop_v: float) -> float:
-        """Return the duty that holds a wheel speed, limited to -1..1.
-
-        This inverts ``steady_rad_s`` and ``terminal_v``.
-        """
-        if wheel_rad_s == 0.0:
-            return 0.0
-        needed_v = abs(wheel_rad_s) * self.back_emf_v_s + self.friction_v + drop_v
-        duty = min(1.0, needed_v / supply_v)
-        return duty if wheel_rad_s > 0.0 else -duty

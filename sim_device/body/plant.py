@@ -121,7 +121,7 @@ class Plant:
 
     def advance_ms(self, n: int) -> None:
         """Advance by ``n`` milliseconds."""
-        if self.faults.touched:
+        if self.faults.changed:
             self._obey_faults()
         b, supply, footing = self._b, self._supply, self._footing
         left, right = supply.left, supply.right
@@ -391,7 +391,7 @@ class Plant:
 
     def _obey_faults(self) -> None:
         f = self.faults
-        f.touched = False
+        f.changed = False
         self._b.wanders = not f.lifted
         up = f.lifted or self._footing.fallen
         faults = (f.stuck_left, f.stuck_right, f.slip_left, f.slip_right, up)

@@ -183,5 +183,5 @@ def _declared(board: ctypes.CDLL) -> ctypes.CDLL:
     board.chip_imu_settings.restype, board.chip_imu_settings.argtypes = number, (pointer,)
     board.chip_version.restype = number
     if board.chip_version() != VERSION:
-        raise FirmwareLibraryError(BUILT_IN, "it was built of other sources; install sweepctl anew")
+        raise FirmwareLibraryError(BUILT_IN, "it was built from other sources; reinstall sweepctl")
     return board

@@ -10,6 +10,7 @@ from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
 from sim_device.device.identity import CAPABILITIES
 from sim_device.device.latch import StopLatch
 from sim_device.device.modes import MODE_OF, DeviceState
+from sim_device.line.line import NO_LIMIT
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ RECEIVE = struct.Struct("<QI2B?xH")
 _REPLY = struct.Struct("<2h??BBB??B?HIIq")
 RANGES = struct.Struct("<3HI")
 POWER = struct.Struct("<4H")
-NO_LIMIT = 0xFFFF_FFFF
-"""Free space of a link without a limit (``CHIP_NO_LIMIT``)."""
 DUTY_ONE = 10_000
-_PAGES, _PAGE_SIZE = 2, 1024
+"""Number of steps of a full duty."""
+PAGES, PAGE_SIZE = 2, 1024
+"""Number of flash pages for the settings, and their size, bytes."""
 NO_CLOCK, REMOTE = 1, 4
 """``BOARD_TROUBLE_CLOCK`` and ``BOARD_TROUBLE_REMOTE`` of ``board.h``."""
 _ROOM = PAYLOAD_MAX - RECEIVE.size
@@ -251,8 +252,8 @@ class ChipFlash:
 
     def erase(self) -> None:
         """Erase everything, as in a new chip."""
-        for page in range(_PAGES):
-            self.write(page, b"\xff" * _PAGE_SIZE)
+        for page in range(PAGES):
+            self.write(page, b"\xff" * PAGE_SIZE)
 
 
 def answer(sensors: SensorSuite, what: int) -> bytes:

@@ -8,7 +8,8 @@ from zlib import crc32
 
 from bridge.motion.robot_model import RobotModel
 from protocol.authentication import key_words
-from sim_device.device.parameters import table, to_raw
+from protocol.parameter_values import to_raw
+from sim_device.device.parameters import table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -20,7 +20,7 @@ cdef class Control:
 
     cpdef object apply_parameters(self)
     cpdef object planner_state(self)
-    cpdef bint _stands_against(self, object event)
+    cpdef bint _is_prevented(self, object event)
     cpdef object _end_plan(self, object plan)
     cpdef object stop(self, object cause, object event=*)
     cpdef object _latch(self, object cause)

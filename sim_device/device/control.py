@@ -114,7 +114,7 @@ class Control:
     ) -> NackReason | None:
         """Apply an event by the mode table; return the reason of a rejection, or None."""
         before = self.modes.state
-        held = self._stands_against(event)
+        held = self._is_prevented(event)
         outcome = self.modes.fire(event, (*holding, Guard.FAULT_HOLDS) if held else holding)
         if not isinstance(outcome, DeviceState):
             return outcome
@@ -131,7 +131,12 @@ class Control:
         self.duties.halt()
         return None
 
-    def _stands_against(self, event: Event) -> bool:
+    def _is_prevented(self, event: Event) -> bool:
+        """Return whether a present fault can prevent an event; the mode table decides.
+
+        A fault of the inertial sensor prevents only onboard mode, and start and resumption of a
+        plan.
+        """
         health = self.health
         return health.stopping is not None or (event in _SET_OFF and bool(health.bits & IMU))
 
@@ -251,7 +256,7 @@ class Control:
         why = health.stopping
         if why is None and self.reflexes.over(self._model.metres_per_count):
             why = "no floor ahead"
-        if why is None and health.burning(self.wheels):
+        if why is None and health.stalled_too_long(self.wheels):
             why = "motor stalled"
         if why is None and health.bits & IMU and self.modes.state in PLANNING:
             why = "no heading"

@@ -13,6 +13,7 @@ class LineHealth(NamedTuple):
     """Counters of the link's queues and of its CAN controller, as in ``link_counters``."""
 
     receive_dropped: int = 0
+    """Always 0: nothing sets it on the virtual device. The C firmware counts its own queue."""
     send_dropped: int = 0
     can_send_errors: int = 0
     can_receive_errors: int = 0

@@ -5,7 +5,7 @@ cdef class Health:
     cdef public object bits
     cdef public bint battery_empty
     cdef object _empty, _imu, _longest, _disagrees, _implausible
-    cdef object _blows, _sonar_m
+    cdef object _unseen_contacts, _sonar_m
     cdef list _up, _pressed, _side_rad
     cdef object _currents_a, _counts, _range_counts
     cdef long long _tick, _repeats, _moved_tick, _jolt_tick, _up_sum, _gravity_sum, _gravity_next
@@ -15,7 +15,7 @@ cdef class Health:
     cdef list _side_m
 
     cpdef object tick(self, object imu, object counts, object wheels, object duties)
-    cpdef object _feel(self, long long up_lsb, long long tick)
+    cpdef object _check_jolt(self, long long up_lsb, long long tick)
     cpdef object _counted(self, object counts)
     cpdef object _judge_imu(self, object imu, object wheels)
     cpdef object _judge_stall(self, object wheels)

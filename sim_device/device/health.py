@@ -17,7 +17,7 @@ a contact that it saw, a range that changes |
 | lifted | no floor ahead after a jolt up or down | the floor is back |
 | bumper | a switch pressed for 10 s without a near obstacle or a stall | the switch opens |
 
-The setpoint watchdog in ``safety`` sets ``setpoint_expired``.
+``control`` sets ``setpoint_expired`` from the setpoint watchdog.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.motion.estimation.odometry import encoder_delta
+from protocol.imu import NOMINAL_GYRO_RAD_S
 from protocol.messages.values import Fault
 from sim_device.device.signs import BITS as SIGNS
 from sim_device.device.signs import Signs
@@ -46,10 +48,11 @@ MOTOR_STALL, BATTERY_LOW, LIFTED = (
 BUMPER = int(Fault.BUMPER)
 _ENCODERS = ENCODER_LEFT | ENCODER_RIGHT
 _RANGERS = ULTRASONIC | INFRARED
-_HALF_WRAP, _MASK = 0x8000, 0xFFFF
 _NO_DUTIES = (0.0, 0.0)
 
 STALL_S = 1.0
+"""Minimum time without motion of a driven wheel that counts as a stall, s. Without stall current it
+is an encoder fault."""
 STALL_STOP_S = 3.0
 """Maximum time at stall current, s. The planner ends an attempt after half of this time."""
 STALL_A = 0.4
@@ -66,31 +69,48 @@ GRAVITY_TICKS = 128
 mean, a sensor bias of 50 mg would use a third of the jolt limit."""
 _MEANS, _JOLT_SUM = GRAVITY_TICKS // JOLT_MEAN_TICKS, GRAVITY_TICKS * JOLT_LSB
 JOLT_TICKS = 100
+"""Maximum number of control periods from a jolt to a missing floor that counts as lifted: 1 s."""
 REST_TICKS = 50
+"""Number of control periods without counts after which the robot is at rest: 0.5 s."""
 REST_RATE_LSB = 2620
 """Maximum rate reading at rest, counts: 20 °/s, the zero-rate output limit of the data sheet
 (PS-MPU-6000A-00, section 6.1)."""
 GRAVITY_LSB = 16384
+"""Gravity in counts: 1 g at ±2 g."""
 GRAVITY_OFF = 0.3
+"""Maximum deviation of the acceleration from 1 g at rest, g."""
 IMPLAUSIBLE_TICKS = 30
+"""Number of consecutive readings that contradict rest, or the wheels, after which they are a fault:
+0.3 s."""
 REPEAT_TICKS = 50
+"""Number of repeated readings of a chip with noise that are a fault: 0.5 s."""
 QUIET_TICKS = 20
+"""Minimum number of repeated readings that are compared with the wheels: 0.2 s."""
 LEARN_TICKS = 200
+"""Number of control periods after the boot in which the chip's noise is observed: 2 s."""
 LIVELY_TICKS = 3
 """Maximum number of repeated readings of a chip with noise after its start. Nearly every chip has
 noise. If such a chip repeats its readings for half a second, no new samples arrive. Repeats of a
 chip without noise are a fault only if the yaw rate differs from the wheels' yaw rate."""
 DISAGREE_RAD_S = 0.2
-_GYRO_RAD_S = math.radians(1.0 / 131.0)
+"""Maximum difference between the yaw rates of the gyro and of the wheels, rad/s."""
 NEAR_M = 0.10
 """Maximum ultrasonic range to a wall that presses both bumper switches, m: 0.04 m and a margin."""
-BLOWS = 2
+UNSEEN_CONTACTS = 2
+"""Number of frontal contacts without a near ultrasonic range that are a fault."""
 UNCHANGED_M = 0.02
+"""Maximum change of an ultrasonic range that counts as unchanged, m."""
 UNCHANGED_OVER_M = 0.4
+"""Distance driven with an unchanged ultrasonic range that is a fault, m."""
 INFRARED_UNCHANGED_M = 0.003
+"""Maximum change of a side infrared range that counts as unchanged, m."""
 TURN_RAD = math.radians(60.0)
+"""Turn in place with an unchanged side infrared range that is a fault, rad."""
 CREEP_M = 0.002
+"""Maximum distance between two readings that counts as turning in place, m."""
 EMPTY_READINGS = 5
+"""Number of consecutive readings below ``battery_empty`` that stop the robot: 1 s at 5 readings per
+second."""
 PRESSED_READINGS = 200
 """Number of readings after which a pressed switch is a fault: 10 s at 20 readings per second."""
 BESIDE_M = 0.08
@@ -119,7 +139,7 @@ class Health:
         self._signs = Signs()
         self._pressed = [0, 0]
         self._counts = self._range_counts = (0, 0)
-        self._blows = 0
+        self._unseen_contacts = 0
         self._touched = False
         self._sonar_m: float | None = None
         self._unseen_m = 0.0
@@ -155,7 +175,7 @@ class Health:
             if self.bits & _ENCODERS:
                 self._counted(counts)
             self._counts = counts
-        self._feel(imu[2], tick)
+        self._check_jolt(imu[2], tick)
         signs = self._signs
         if duties != _NO_DUTIES or signs.driven:
             signs.tick(duties, (wheels.left.speed_m_s, wheels.right.speed_m_s))
@@ -171,7 +191,7 @@ class Health:
         if wheels.stalling or self.bits & MOTOR_STALL:
             self._judge_stall(wheels)
 
-    def _feel(self, up_lsb: int, tick: int) -> None:
+    def _check_jolt(self, up_lsb: int, tick: int) -> None:
         """Detect jolts in the acceleration along z: the short mean then differs from gravity."""
         place = tick % JOLT_MEAN_TICKS
         self._up_sum += up_lsb - self._up[place]
@@ -194,7 +214,7 @@ class Health:
         repeats = self._repeats
         if self._tick <= LEARN_TICKS:
             self._longest = max(self._longest, repeats)
-        apart = abs(wheels.yaw_rate_rad_s - imu[6] * _GYRO_RAD_S) > DISAGREE_RAD_S
+        apart = abs(wheels.yaw_rate_rad_s - imu[6] * NOMINAL_GYRO_RAD_S) > DISAGREE_RAD_S
         self._disagrees = self._disagrees + 1 if repeats >= QUIET_TICKS and apart else 0
         lively = self._tick > LEARN_TICKS and self._longest <= LIVELY_TICKS
         dead = (lively and repeats >= REPEAT_TICKS) or self._disagrees >= IMPLAUSIBLE_TICKS
@@ -226,7 +246,7 @@ class Health:
         self._set(MOTOR_STALL, present=stall)
 
     @staticmethod
-    def burning(wheels: WheelControl) -> bool:
+    def stalled_too_long(wheels: WheelControl) -> bool:
         """Return whether a motor has drawn its stall current for too long."""
         return wheels.stalled_s >= STALL_STOP_S
 
@@ -245,8 +265,7 @@ class Health:
         sonar_m, left_m, right_m, bumper_left, bumper_right, cliff, _ = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
         self._range_counts = self._counts
-        left = (left - left_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
-        right = (right - right_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
+        left, right = encoder_delta(left_0, left), encoder_delta(right_0, right)
         ahead_m = 0.5 * (left + right) * metres_per_count
         turned_rad = (right - left) * metres_per_count / wheel_base_m
         bits = self.bits & ~(_RANGERS | BUMPER)
@@ -298,13 +317,13 @@ class Health:
         """Return whether the ultrasonic sensor contradicts the other sensors for a long time."""
         if touched and not self._touched:
             saw = sonar_m is not None and sonar_m <= NEAR_M
-            self._blows = 0 if saw else self._blows + 1
+            self._unseen_contacts = 0 if saw else self._unseen_contacts + 1
         self._touched = touched
         before_m = self._sonar_m
         if sonar_m is None or before_m is None or abs(sonar_m - before_m) > UNCHANGED_M:
             if sonar_m is not None and before_m is not None:
-                self._blows = 0
+                self._unseen_contacts = 0
             self._sonar_m, self._unseen_m = sonar_m, 0.0
         elif sonar_m > NEAR_M and not touched and abs(turned_rad) <= 0.5 * abs(ahead_m):
             self._unseen_m += max(0.0, ahead_m)
-        return self._blows >= BLOWS or self._unseen_m >= UNCHANGED_OVER_M
+        return self._unseen_contacts >= UNSEEN_CONTACTS or self._unseen_m >= UNCHANGED_OVER_M

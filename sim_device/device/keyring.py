@@ -54,7 +54,7 @@ class Keyring:
         return Challenge(self._counter)
 
     @staticmethod
-    def refuses(frame: Frame) -> bool:
+    def must_reject(frame: Frame) -> bool:
         """Return whether a frame without a tag must be rejected; call only with a key set."""
         return frame.type_id in GUARDED_TYPES and not frame.version_flags & FLAG_AUTHENTICATED
 

@@ -8,7 +8,6 @@ plan; its x axis is the heading at the start.
 
 from __future__ import annotations
 
-import math
 import random
 from typing import TYPE_CHECKING
 
@@ -19,6 +18,7 @@ from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import GoTo, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
+from protocol.imu import NOMINAL_GYRO_RAD_S
 from protocol.messages.device import PlannerState
 from protocol.messages.values import OnboardPlanner, PlannerPhase
 
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 AT_REST_US = 2_500_000
 """Time at rest before the first move, µs. The gyro bias is the mean of 250 samples in this time."""
 STEP_TICKS = 2
-_GYRO_RAD_S = math.radians(1.0 / 131.0)
-"""Gyro scale, rad/s per count: MPU6050 at ±250 °/s, 131 counts per °/s."""
 _TEMPERATURE_C = 1.0 / 340.0
 """Scale of the temperature register, °C per count (MPU6050 register map, section 4.18). Only
 temperature changes are used, so the offset is not needed."""
@@ -119,7 +117,7 @@ class Onboard:
         t_s = now_us * 1e-6
         imu = sampler.imu_nominal
         self.estimator.on_imu(
-            t_s, imu.gyro_z * _GYRO_RAD_S, temperature_c=imu.temperature * _TEMPERATURE_C
+            t_s, imu.gyro_z * NOMINAL_GYRO_RAD_S, temperature_c=imu.temperature * _TEMPERATURE_C
         )
         decides = tick % STEP_TICKS == 0
         if decides:

@@ -10,20 +10,18 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.messages.device import ParameterValue
 from protocol.messages.values import NackReason, ParameterFlag, ParameterKind
+from protocol.parameter_values import from_raw, to_raw
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from bridge.motion.robot_model import RobotModel
 
-_F32 = struct.Struct("<f")
-_U32 = struct.Struct("<I")
 STOP_DECELERATION_M_S2 = 1.0
 """Deceleration of a stop, m/s²: from top speed to rest in 0.3 s. At a higher deceleration the tyres
 would slip."""
@@ -59,26 +57,6 @@ class TableParameter:
     def label(self) -> str:
         """Name and unit, as in the message."""
         return f"{self.name} {self.unit}"
-
-
-def to_raw(kind: ParameterKind, value: float) -> int:
-    """Return the 32 bits of a value."""
-    match kind:
-        case ParameterKind.F32:
-            raw: int = _U32.unpack(_F32.pack(value))[0]
-        case _:
-            raw = int(value)
-    return raw
-
-
-def from_raw(kind: ParameterKind, raw: int) -> float:
-    """Return the value that 32 bits represent; a float may be infinite or NaN."""
-    match kind:
-        case ParameterKind.F32:
-            value: float = _F32.unpack(_U32.pack(raw))[0]
-        case _:
-            value = raw
-    return value
 
 
 def table(model: RobotModel, node: int) -> tuple[TableParameter, ...]:

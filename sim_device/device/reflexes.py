@@ -7,6 +7,8 @@ cliff: see :meth:`Reflexes.over`.
 
 from __future__ import annotations
 
+from bridge.motion.estimation.odometry import encoder_delta
+
 CREEP_M_S = 0.05
 """Maximum forward speed with a pressed bumper, m/s. It is high enough for the wheel control, and
 harmless when the robot pushes an obstacle."""
@@ -19,7 +21,6 @@ s. A host reacts to a cliff within 0.07 s. Periods with a reverse command do not
 robot needs 1.0 s to return after a speed of 0.28 m/s."""
 SHOWN_TICKS = 10
 """Number of control periods for which a limit stays reported: one period of the status message."""
-_HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 
 class Reflexes:
@@ -85,7 +86,6 @@ class Reflexes:
     def _follow(self, counts: tuple[int, int]) -> None:
         if self._counts is not None:
             self._ahead += sum(
-                (now - before + _HALF_WRAP & _MASK) - _HALF_WRAP
-                for now, before in zip(counts, self._counts, strict=True)
+                encoder_delta(before, now) for before, now in zip(self._counts, counts, strict=True)
             )
         self._counts = counts

@@ -11,4 +11,4 @@ cdef class Signs:
     cdef _Side _left, _right
 
     cpdef object tick(self, object duties, object speeds_m_s)
-    cpdef object _forgive(self)
+    cpdef object _clear_agreeing(self)

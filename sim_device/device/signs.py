@@ -84,7 +84,7 @@ class Signs:
         left.tick(left_duty, left_m_s, right_duty, right_m_s)
         right.tick(right_duty, right_m_s, left_duty, left_m_s)
         if self.bits:
-            self._forgive()
+            self._clear_agreeing()
         elif max(left.crossed, right.crossed) >= AGREES_TICKS:
             self.bits = SWAPPED
         elif max(left.against, right.against) >= AGAINST_TICKS:
@@ -96,7 +96,7 @@ class Signs:
             elif right.against >= ALONE_TICKS:
                 self.bits = REVERSED[1]
 
-    def _forgive(self) -> None:
+    def _clear_agreeing(self) -> None:
         """Clear a fault when counts have agreed with duties long enough, also in bring-up mode."""
         for side, bit in zip((self._left, self._right), REVERSED, strict=True):
             if side.agrees >= AGREES_TICKS:

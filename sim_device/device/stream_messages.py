@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.messages import device
-from protocol.messages.values import Contact
+from sim_device.sensors.contacts import Bumpers
+from sim_device.sensors.units import contact_bits
 
 if TYPE_CHECKING:
     from protocol.link import LinkStatistics
@@ -19,11 +20,6 @@ if TYPE_CHECKING:
     from sim_device.device.sampling import Sampler
 
 _TIME_TO_LIVE_MS_MAX = 250
-_LEFT, _RIGHT, _CLIFF = (
-    int(Contact.BUMPER_LEFT),
-    int(Contact.BUMPER_RIGHT),
-    int(Contact.CLIFF),
-)
 
 
 class StreamMessages:
@@ -67,9 +63,7 @@ class StreamMessages:
             device.ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000),
             _infrared(left_m),
             _infrared(right_m),
-            (_LEFT if bumper_left else 0)
-            | (_RIGHT if bumper_right else 0)
-            | (_CLIFF if cliff else 0),
+            contact_bits(Bumpers(bumper_left, bumper_right), cliff=cliff),
             min(device.ULTRASONIC_AGE_NONE, (age_us + 500) // 1000),
         )
 

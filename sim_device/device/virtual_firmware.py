@@ -71,10 +71,13 @@ _HALF_TICK_US = TICK_US // 2
 _TICK_MS = TICK_US // 1000
 _VALUE = CATALOGUE.by_class[ParameterValue].type_id
 HELLO_TICKS = 100
+"""Number of control periods between two hellos, or two reports of the IMU's scale: 1 s."""
 HOST_SILENCE_US = 1_000_000
+"""Maximum time without a frame of the host in a session, µs; then the session ends."""
 NO_CRYSTAL = "clock: no crystal; it runs from the chip's own oscillator, CAN is off"
 NOT_SAVED = "parameters not saved: the flash does not read back what was written"
 UNKNOWN_HELLO_PERIOD_US = 100_000
+"""Minimum interval between two hellos that answer frames of no session, µs."""
 POWER_TICKS = 20
 """Number of control periods per supply measurement: 5 Hz, in phase with the stream ``power``."""
 RANGE_TICKS = 5
@@ -210,7 +213,7 @@ class Firmware:
             if event.__class__ is Received:
                 message, frame, spec = event
                 if addresses(frame, spec, node):
-                    if self.link.key is not None and self.keyring.refuses(frame):
+                    if self.link.key is not None and self.keyring.must_reject(frame):
                         self._reject(message, frame, now_us)  # it does not keep the session alive
                         continue
                     self._handle(as_ours(message, spec), frame, now_us)

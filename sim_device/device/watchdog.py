@@ -83,16 +83,6 @@ class SetpointWatchdog(Watchdog):
         """Requested forward speed, m/s, and yaw rate, rad/s (counter-clockwise positive)."""
         return self.first, self.second
 
-    @property
-    def v_m_s(self) -> float:
-        """Requested forward speed, m/s."""
-        return self.first
-
-    @property
-    def yaw_rate_rad_s(self) -> float:
-        """Requested yaw rate, rad/s, counter-clockwise."""
-        return self.second
-
     def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
         """Store a setpoint; return False if it is repeated, reordered or too old."""
         return self.take(

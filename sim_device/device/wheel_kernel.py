@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import cython
 
-PERIODS_A_SECOND = 100.0
 REST_M_S = 0.005
 """Maximum measured speed of a standing wheel, m/s. It is less than one count per period."""
 MIN_V = 8.0
-NO_COUNT = -1
+"""Minimum supply voltage that duties are scaled to, V."""
 
-_PERIODS_A_SECOND = cython.declare(cython.double, PERIODS_A_SECOND)
+_PERIODS_A_SECOND = cython.declare(cython.double, 100.0)
 _REST_M_S = cython.declare(cython.double, REST_M_S)
 _MIN_V = cython.declare(cython.double, MIN_V)
-_NO_COUNT = cython.declare(cython.int, NO_COUNT)
+_NO_COUNT = cython.declare(cython.int, -1)
 _STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
 _MIN_TARGET_M_S = cython.declare(cython.double, 1e-5)
 """Minimum target speed of a wheel, m/s: a tenth of the resolution of a velocity setpoint. A smaller
@@ -35,7 +34,7 @@ class WheelControlState:
     m_s_per_count = cython.declare(cython.double, visibility="public")
     """Wheel speed at one count per period, m/s."""
     count = cython.declare(cython.int, visibility="public")
-    """Last encoder count, 16 bits; ``NO_COUNT`` before the first count."""
+    """Last encoder count, 16 bits; -1 before the first count."""
     integral = cython.declare(cython.double, visibility="public")
     speed_m_s = cython.declare(cython.double, visibility="public")
     """Measured forward speed, m/s."""

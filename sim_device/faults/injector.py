@@ -68,7 +68,7 @@ class FaultInjector:
             FaultSpecError: this device rejects a fault in ``specs``.
 
         """
-        self._bench = FaultTarget(device)
+        self._target = FaultTarget(device)
         self._cannot = cannot
         self._now_us = 0
         self._faults: list[_Injected] = []
@@ -110,7 +110,7 @@ class FaultInjector:
         if spec.kind.name in self._cannot:
             raise FaultSpecError(spec.text, self._cannot[spec.kind.name])
         try:
-            self._bench.check(spec.values)
+            self._target.check(spec.values)
         except UnknownObstacleError as error:
             raise FaultSpecError(spec.text, str(error)) from None
         return spec
@@ -161,7 +161,7 @@ class FaultInjector:
         return min(self._edges(), default=None)
 
     def _edges(self) -> Iterator[int]:
-        step_us = self._bench.next_us()
+        step_us = self._target.next_us()
         if step_us is not None:
             yield step_us
         for fault in self._faults:
@@ -184,14 +184,14 @@ class FaultInjector:
         if changed:
             self._turn()
         else:
-            self._bench.walk(now_us)
+            self._target.walk(now_us)
         return changed
 
     def _begin(self, fault: _Injected) -> bool:
         kind = fault.spec.kind
         if kind.strike is not None:
             self._faults.remove(fault)
-            self._bench.strike(kind.strike, fault.spec.values)
+            self._target.strike(kind.strike, fault.spec.values)
             self._add_event("struck", fault.spec)
             return False
         fault.active = True
@@ -203,7 +203,7 @@ class FaultInjector:
         for fault in self._faults:
             if fault.active and fault.spec.kind.turn is not None:
                 fault.spec.kind.turn(self.knobs, fault.spec.values)
-        self._bench.turn(self.knobs, self._now_us)
+        self._target.turn(self.knobs, self._now_us)
 
     def _add_event(self, what: str, spec: FaultSpec) -> None:
         self.events.append(FaultEvent(self._now_us, what, spec))

@@ -162,7 +162,9 @@ def parse_spec(text: str, kinds: Mapping[str, FaultKind], *, timed: bool = True)
     name, at_sign, at = head.partition("@")
     kind = _kind(text, name, kinds)
     if timed and not at_sign:
-        raise FaultSpecError(text, f"when? write {name}@SECONDS, since the device was switched on")
+        raise FaultSpecError(
+            text, f"no time: write {name}@SECONDS, counted from the device's power-on"
+        )
     relative = not timed and at.startswith("+")
     at_s = _seconds(text, "time", at) if at_sign else None
     for_s = kind.default_for_s
@@ -171,7 +173,7 @@ def parse_spec(text: str, kinds: Mapping[str, FaultKind], *, timed: bool = True)
         if first and kind.lasting:
             for_s = _seconds(text, "duration", first)
         elif first:
-            raise FaultSpecError(text, f"{kind.name} is over at once: it takes no duration")
+            raise FaultSpecError(text, f"{kind.name} is instantaneous: it has no duration")
     if len(rest) > 1:
         raise FaultSpecError(text, "too many colons: write kind@time[:for][:name=value,...]")
     values = _values(text, kind, rest[0] if rest else "")

@@ -46,7 +46,7 @@ CONTROLLER_FRAMES = 7
 """Number of frames that the firmware can no longer reorder: three in the controller's mailboxes,
 and four in the board's driver (``stm32f429/can.c``)."""
 NO_LIMIT = 0xFFFF_FFFF
-"""Free space of a link without a limit."""
+"""Free space of a link without a limit (``CHIP_NO_LIMIT`` of ``chip.h``)."""
 _US = 1_000_000
 _CHUNK = 64
 """Maximum number of bytes after which the device reads its receive buffer: half of a DMA ring
@@ -137,7 +137,7 @@ class StraightChannel(Channel):
         self._data = b""
 
 
-class Wire:
+class UartTransmitter:
     """A UART's transmit queue and shift register, exact to the microsecond."""
 
     def __init__(self, baud: int, capacity: int) -> None:
@@ -199,7 +199,7 @@ class UartUp(Channel):
 
     def __init__(self, baud: int, latency_us: int, damage: Callable[[bytes], bytes]) -> None:
         super().__init__()
-        self._wire = Wire(baud, TRANSMIT_BYTES)
+        self._transmitter = UartTransmitter(baud, TRANSMIT_BYTES)
         self._latency_us = latency_us
         self._damage = damage
         self._packet = bytearray()
@@ -211,10 +211,10 @@ class UartUp(Channel):
     def push(self, data: bytes, now_us: int) -> None:
         """Put bytes into the device's transmit buffer."""
         self._run(now_us)
-        if len(data) > self._wire.room:
-            self.dropped += sum(map(bool, data[self._wire.room :].split(b"\0")))
-        self._wire.put(data, now_us)
-        self.overrun = self._wire.overrun
+        if len(data) > self._transmitter.room:
+            self.dropped += sum(map(bool, data[self._transmitter.room :].split(b"\0")))
+        self._transmitter.put(data, now_us)
+        self.overrun = self._transmitter.overrun
 
     def pull(self, now_us: int) -> bytes:
         """Return the bytes that the adapter has delivered."""
@@ -231,23 +231,23 @@ class UartUp(Channel):
 
     def clear(self) -> None:
         """Drop the bytes in flight."""
-        self._wire.clear()
+        self._transmitter.clear()
         self._packet.clear()
         self._handed.clear()
 
     def space(self, now_us: int) -> int:
         """Return the number of bytes that fit the transmit buffer now."""
-        return self._wire.room + self._wire.left_by(now_us)
+        return self._transmitter.room + self._transmitter.left_by(now_us)
 
     def _next_packet_us(self) -> int | None:
-        waiting = len(self._wire)
+        waiting = len(self._transmitter)
         if not waiting and not self._packet:
             return None
         missing = max(0, PACKET - len(self._packet))
-        full_us = self._wire.after_us(missing) if waiting >= missing else None
+        full_us = self._transmitter.after_us(missing) if waiting >= missing else None
         if self._latency_us == 0:
-            return full_us if full_us is not None else self._wire.after_us(waiting)
-        first_us = self._wire.after_us(0 if self._packet else 1)
+            return full_us if full_us is not None else self._transmitter.after_us(waiting)
+        first_us = self._transmitter.after_us(0 if self._packet else 1)
         timer_us = self._fires_us(max(first_us, self._timer_us + 1))
         return timer_us if full_us is None else min(full_us, timer_us)
 
@@ -258,11 +258,11 @@ class UartUp(Channel):
 
     def _run(self, now_us: int) -> None:
         while (at_us := self._next_packet_us()) is not None and at_us <= now_us:
-            self._packet += self._damage(self._wire.take(at_us, PACKET - len(self._packet)))
+            self._packet += self._damage(self._transmitter.take(at_us, PACKET - len(self._packet)))
             self._handed += self._packet
             self._packet.clear()
             self._timer_us = at_us
-        self._packet += self._damage(self._wire.take(now_us))
+        self._packet += self._damage(self._transmitter.take(now_us))
 
 
 class UartDown(Channel):
@@ -273,31 +273,31 @@ class UartDown(Channel):
 
     def __init__(self, baud: int, damage: Callable[[bytes], bytes]) -> None:
         super().__init__()
-        self._wire = Wire(baud, FIFO_BYTES)
+        self._transmitter = UartTransmitter(baud, FIFO_BYTES)
         self._damage = damage
 
     def push(self, data: bytes, now_us: int) -> None:
         """Send bytes to the adapter; :meth:`room` is its free space."""
-        self._wire.put(data, now_us)
-        self.overrun = self._wire.overrun
+        self._transmitter.put(data, now_us)
+        self.overrun = self._transmitter.overrun
 
     def pull(self, now_us: int) -> bytes:
         """Return the bytes that the device has received by ``now_us``."""
-        data = self._wire.take(now_us)
+        data = self._transmitter.take(now_us)
         return self._damage(data) if data else b""
 
     def next_us(self) -> int | None:
         """Return the time of the device's next receive interrupt."""
-        waiting = len(self._wire)
-        return self._wire.after_us(min(waiting, _CHUNK)) if waiting else None
+        waiting = len(self._transmitter)
+        return self._transmitter.after_us(min(waiting, _CHUNK)) if waiting else None
 
     def room(self) -> int:
         """Return the free space of the adapter, bytes."""
-        return self._wire.room
+        return self._transmitter.room
 
     def clear(self) -> None:
         """Drop the bytes in flight."""
-        self._wire.clear()
+        self._transmitter.clear()
 
 
 class CanChannel(Channel):

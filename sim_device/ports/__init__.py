@@ -10,22 +10,22 @@ from sim_device.ports.base import DevicePort, PortUnavailableError, Stopper
 from sim_device.ports.control import ControlServer, ask_control
 from sim_device.ports.multicast import MULTICAST_GROUP, MulticastPort
 from sim_device.ports.pty_port import PtyPort, SlcanPort
-from sim_device.ports.real_time_loop import NOBODY, ServeReport, Watchers, serve
+from sim_device.ports.real_time_loop import NO_CALLBACKS, ServeCallbacks, ServeReport, serve
 from sim_device.ports.tcp import TcpServerPort
 
 __all__ = [
     "MULTICAST_GROUP",
-    "NOBODY",
+    "NO_CALLBACKS",
     "ControlServer",
     "DevicePort",
     "MulticastPort",
     "PortUnavailableError",
     "PtyPort",
+    "ServeCallbacks",
     "ServeReport",
     "SlcanPort",
     "Stopper",
     "TcpServerPort",
-    "Watchers",
     "ask_control",
     "serve",
 ]

@@ -26,6 +26,8 @@ PATIENCE_S = 10.0
 loop."""
 END_S = 5.0
 """Maximum time for the process to end after the last request, s."""
+_TRACER_POLL_S = 0.05
+"""Period at which a waiting process looks for a debugger, s."""
 _ROOT = Path(__file__).resolve().parents[2]
 _TAG = b"sweepctl-core: "
 """Prefix of backtrace lines on stderr: see ``board_virtual/crash.c``."""
@@ -80,7 +82,11 @@ class CoreProcess:
             self.close()
             raise FirmwareLibraryError(library, payload.decode(errors="replace"))
         self.imu_settings = payload
-        started(process.pid)
+        try:
+            started(process.pid)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def pid(self) -> int:
@@ -238,10 +244,17 @@ def _first_own(lines: list[str], library: Path) -> int:
 # ---- debugging ---------------------------------------------------------------------------
 
 
-def await_debugger(pid: int, every_s: float = 0.05) -> None:
-    """Wait until a debugger has attached to a process (Linux only)."""
+def await_debugger(pid: int, ended: Callable[[], object]) -> None:
+    """Wait until a debugger has attached to a process (Linux only).
+
+    Raises:
+        KeyboardInterrupt: ``ended`` has returned a true value.
+
+    """
     while not _traced(pid):
-        time.sleep(every_s)
+        if ended():
+            raise KeyboardInterrupt
+        time.sleep(_TRACER_POLL_S)
 
 
 def _traced(pid: int) -> bool:

@@ -51,7 +51,7 @@ class PtyPort(DevicePort):
         try:
             self._master, self._slave = pty.openpty()
         except OSError as error:
-            raise PortUnavailableError(f"no pseudo-terminal to be had: {error.strerror}") from None
+            raise PortUnavailableError(f"cannot open a pseudo-terminal: {error.strerror}") from None
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)

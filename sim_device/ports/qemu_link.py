@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 from zlib import crc32
 
+from sim_device.core.core_firmware import PAGE_SIZE, PAGES
 from sim_device.sensors.units import contact_bits, milli, range_steps
 
 if TYPE_CHECKING:
@@ -24,10 +25,9 @@ if TYPE_CHECKING:
     from sim_device.sensors.rangers import Ranges
 
 VERSION = 3
+"""Version of the link to the plant; emulator and chip must have the same."""
 CHUNK = 128
 """Number of flash bytes in a frame."""
-DUTY_ONE = 10_000
-PAGES, PAGE_SIZE = 2, 1024
 _SYNC = 0xA5
 _HEAD = struct.Struct("<BBB")
 _CHECK = struct.Struct("<I")

@@ -34,7 +34,7 @@ class QemuGoneError(PortUnavailableError):
     """QEMU cannot be started, or has ended by itself; the message is one line for the user."""
 
 
-class Lane:
+class ChipLink:
     """Our end of a serial link to the chip; its methods never block."""
 
     def __init__(self) -> None:
@@ -104,12 +104,12 @@ class QemuProcess:
 
         """
         program = find_qemu()
-        self.wire, self.plant, self._orders = Lane(), Lane(), Lane()
+        self.wire, self.plant, self._orders = ChipLink(), ChipLink(), ChipLink()
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
-        lanes = {"wire": self.wire, "plant": self.plant, "orders": self._orders}
+        links = {"wire": self.wire, "plant": self.plant, "orders": self._orders}
         command = [program, "-M", MACHINE, "-nodefaults", "-display", "none"]
-        for name, lane in lanes.items():
-            command += ["-chardev", f"socket,id={name},fd={lane.theirs.fileno()}"]
+        for name, link in links.items():
+            command += ["-chardev", f"socket,id={name},fd={link.theirs.fileno()}"]
         command += ["-serial", "chardev:wire", "-serial", "chardev:plant"]
         command += ["-mon", "chardev=orders,mode=control", "-kernel", str(firmware)]
         try:
@@ -118,16 +118,16 @@ class QemuProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=self._said,
                 stderr=self._said,
-                pass_fds=[lane.theirs.fileno() for lane in lanes.values()],
+                pass_fds=[link.theirs.fileno() for link in links.values()],
                 start_new_session=True,  # Ctrl-C is for this process, which then ends QEMU
                 preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one system call, no lock, no memory
             )
         except OSError as error:
-            self._close_lanes()
+            self._close_links()
             self._said.close()
             raise QemuGoneError(f"cannot start {program}: {error.strerror}") from None
-        for lane in lanes.values():
-            lane.theirs.close()
+        for link in links.values():
+            link.theirs.close()
         self._order("qmp_capabilities")
 
     @property
@@ -179,15 +179,15 @@ class QemuProcess:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        self._close_lanes()
+        self._close_links()
         self._said.close()
 
     def _order(self, what: str) -> None:
         self._orders.write(json.dumps({"execute": what}).encode() + b"\n")
 
-    def _close_lanes(self) -> None:
-        for lane in (self.wire, self.plant, self._orders):
-            lane.close()
+    def _close_links(self) -> None:
+        for link in (self.wire, self.plant, self._orders):
+            link.close()
 
 
 def _end_with_parent() -> Callable[[], None] | None:

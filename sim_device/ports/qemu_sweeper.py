@@ -21,6 +21,7 @@ from protocol.clock import DeviceUs, extend_us
 from protocol.messages.values import ResetCause
 from sim_device.body.plant import Plant, Truth
 from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
+from sim_device.core.core_firmware import DUTY_ONE, PAGE_SIZE, PAGES
 from sim_device.device.clock import DeviceClock
 from sim_device.noise import noise_level
 from sim_device.ports import qemu_link as link
@@ -85,6 +86,7 @@ class QemuSweeper:
         """Start QEMU with ``firmware``; the chip gets its identity in :meth:`step`.
 
         Raises:
+            UnknownNoiseLevelError: no such noise level.
             FloorPlanError: the robot does not fit at its start pose.
             QemuGoneError: QEMU is not installed, or does not run this firmware.
 
@@ -104,7 +106,7 @@ class QemuSweeper:
             "imu-clock": CANNOT_IMU,
         }
         """Kinds of fault that this device rejects, each with the reason."""
-        self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
+        self.flash = [bytearray(b"\xff" * PAGE_SIZE) for _ in range(PAGES)]
         self.drivers = False
         """True if the motor drivers are enabled."""
         self.stack_free = 0
@@ -225,7 +227,7 @@ class QemuSweeper:
         until_s = time.monotonic() + START_S
         while not self._asked:
             if time.monotonic() > until_s:
-                raise QemuGoneError(f"the chip said nothing for {START_S:g} s")
+                raise QemuGoneError(f"the chip sent nothing for {START_S:g} s")
             time.sleep(0.005)
             self.qemu.check()
             for message in self._parser.feed(self.qemu.plant.read()):
@@ -233,7 +235,7 @@ class QemuSweeper:
                     if message.version != link.VERSION:
                         raise QemuGoneError(
                             f"it speaks version {message.version} of the link to the plant, this "
-                            f"emulator {link.VERSION}; build it anew"
+                            f"emulator {link.VERSION}; rebuild it"
                         )
                     self._asked = True
 
@@ -278,7 +280,7 @@ class QemuSweeper:
             self._advance(self._extended(message.now_us))
             self._set_motors(message)
         elif isinstance(message, link.Erase):
-            self.flash[message.page][:] = b"\xff" * link.PAGE_SIZE
+            self.flash[message.page][:] = b"\xff" * PAGE_SIZE
         elif isinstance(message, link.Write):
             end = message.offset + len(message.data)
             self.flash[message.page][message.offset : end] = message.data
@@ -344,7 +346,7 @@ class QemuSweeper:
         self._periods += 1
 
     def _set_motors(self, motors: link.PlantRequest | link.Motors) -> None:
-        self.plant.set_duty(motors.left / link.DUTY_ONE, motors.right / link.DUTY_ONE)
+        self.plant.set_duty(motors.left / DUTY_ONE, motors.right / DUTY_ONE)
         self.drivers = motors.drivers
 
     # ---- time -------------------------------------------------------------------------------

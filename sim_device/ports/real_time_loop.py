@@ -60,7 +60,7 @@ class ServeReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Watchers:
+class ServeCallbacks:
     """Callbacks during a served run; times are Unix times in nanoseconds."""
 
     on_truth: Callable[[Truth, int], None] | None = None
@@ -71,7 +71,7 @@ class Watchers:
     """Called with the port's name when the port appears, and with None when it disappears."""
 
 
-NOBODY = Watchers()
+NO_CALLBACKS = ServeCallbacks()
 
 
 class SelfTimed(Protocol):
@@ -88,7 +88,7 @@ def serve(  # noqa: PLR0913 - participants of a run
     device: RiggedDevice | Rig,
     port: DevicePort,
     stopper: Stopper,
-    watchers: Watchers = NOBODY,
+    callbacks: ServeCallbacks = NO_CALLBACKS,
     control: ControlServer | None = None,
     *,
     waker: SelfTimed | None = None,
@@ -102,7 +102,7 @@ def serve(  # noqa: PLR0913 - participants of a run
 
     """
     rig = device if isinstance(device, Rig) else Rig(device)
-    served = _Served(rig, port, watchers, control, waker)
+    served = _Served(rig, port, callbacks, control, waker)
     while not stopper.stopped:
         served.turn(stopper)
     return served.report()
@@ -115,11 +115,11 @@ class _Served:
         self,
         rig: Rig,
         port: DevicePort,
-        watchers: Watchers,
+        callbacks: ServeCallbacks,
         control: ControlServer | None,
         waker: SelfTimed | None,
     ) -> None:
-        self._rig, self._port, self._watchers, self._control = rig, port, watchers, control
+        self._rig, self._port, self._callbacks, self._control = rig, port, callbacks, control
         self._waker = waker
         self._lateness = Lateness()
         self._start_ns = time.monotonic_ns()
@@ -166,11 +166,11 @@ class _Served:
             self._port.plug()
         else:
             self._port.unplug()
-        if self._watchers.on_plug is not None:
-            self._watchers.on_plug(self._port.path if self._plugged else None)
+        if self._callbacks.on_plug is not None:
+            self._callbacks.on_plug(self._port.path if self._plugged else None)
 
     def _report_changes(self) -> None:
-        on_fault, on_truth = self._watchers.on_fault, self._watchers.on_truth
+        on_fault, on_truth = self._callbacks.on_fault, self._callbacks.on_truth
         for event in self._rig.faults.take_events():
             if on_fault is not None:
                 on_fault(event, self._unix_at_boot_ns + event.t_us * 1000)

@@ -174,7 +174,7 @@ class TcpServerPort(DevicePort):
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
         """Accept clients; return the host's bytes and the stops of other clients."""
-        self._answer_the_door()
+        self._accept_clients()
         if len(self._stops) < _READ_MAX:
             for waiting in list(self._waiting):
                 self._stops += self._hear(waiting)
@@ -187,7 +187,7 @@ class TcpServerPort(DevicePort):
             return stops + data
         received = client.receive(room, time.monotonic())
         if received is None:
-            self._hang_up()
+            self._disconnect_host()
             return stops
         # A stop may split a frame of the host, which is then damaged.
         return stops + received[0]
@@ -198,7 +198,7 @@ class TcpServerPort(DevicePort):
         if self._client is not None:
             taken = self._client.send(data)
             if taken is None:
-                self._hang_up()
+                self._disconnect_host()
             else:
                 written = taken
         stopping = [client for client in self._waiting if client.stopped_s is not None]
@@ -218,11 +218,11 @@ class TcpServerPort(DevicePort):
             elif now_s - client.stopped_s >= STOPPING_S:
                 self._drop(client)
         if self._client is None and self._waiting:
-            self._welcome(self._waiting.pop(0))
+            self._make_host(self._waiting.pop(0))
 
     # ---- clients --------------------------------------------------------------------------
 
-    def _answer_the_door(self) -> None:
+    def _accept_clients(self) -> None:
         for _ in range(WAITING_MAX):
             if self._listener is None:
                 return
@@ -236,7 +236,7 @@ class TcpServerPort(DevicePort):
                 accepted.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             client = _Client(accepted, f"{address[0]}:{address[1]}", time.monotonic())
             if self._client is None or self._has_left():
-                self._welcome(client)
+                self._make_host(client)
                 continue
             if len(self._waiting) >= WAITING_MAX:
                 self._reject(min(self._waiting, key=lambda c: c.stopped_s or 0.0))
@@ -280,9 +280,9 @@ class TcpServerPort(DevicePort):
             )
             self._client = None
         self._waiting.remove(client)
-        self._welcome(client)
+        self._make_host(client)
 
-    def _welcome(self, client: _Client) -> None:
+    def _make_host(self, client: _Client) -> None:
         self._client = client
         client.heard_s = time.monotonic()
         self._notify(f"{client.who} is connected")
@@ -293,7 +293,7 @@ class TcpServerPort(DevicePort):
         The log lines are limited, because a client may retry four times per second.
         """
         host = "" if self._client is None else self._client.who
-        client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")
+        client.dismiss(f"rejected: this sweeper has a host already, {host}; end it first")
         self._waiting.remove(client)
         now_s = time.monotonic()
         self._rejected += 1
@@ -301,7 +301,7 @@ class TcpServerPort(DevicePort):
             return
         more = f" ({self._rejected} times)" if self._rejected > 1 else ""
         self._notify(
-            f"{client.who} was refused{more}: {host} is connected, and a sweeper has one host"
+            f"{client.who} was rejected{more}: {host} is connected, and a sweeper has one host"
         )
         self._rejected, self._rejection_s = 0, now_s
 
@@ -320,10 +320,10 @@ class TcpServerPort(DevicePort):
         except OSError:
             gone = True
         if gone:
-            self._hang_up()
+            self._disconnect_host()
         return gone
 
-    def _hang_up(self) -> None:
+    def _disconnect_host(self) -> None:
         if self._client is not None:
             self._client.socket.close()
             self._notify(f"{self._client.who} has left")

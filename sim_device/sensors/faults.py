@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-_HALF_WRAP = 1 << 15
-_MASK = 0xFFFF
-_set = object.__setattr__
+from sim_device.change_flag import ChangeFlag
+
+_HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 
 @dataclass(slots=True)
@@ -47,16 +47,11 @@ class SensorFaultValues:
 
 
 @dataclass(slots=True)
-class SensorFaults(SensorFaultValues):
+class SensorFaults(SensorFaultValues, ChangeFlag):
     """Faults of one suite of sensors; a change takes effect at the next reading."""
 
-    touched: bool = field(default=True, init=False, repr=False, compare=False)
+    changed: bool = field(default=True, init=False, repr=False, compare=False)
     """True if a fault was set since the inertial sensor last read this object."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        _set(self, name, value)
-        if name != "touched":
-            _set(self, "touched", True)  # noqa: FBT003 - the new value
 
 
 class Miswiring:
@@ -71,8 +66,7 @@ class Miswiring:
     def apply(self, counts: tuple[int, int], faults: SensorFaults) -> tuple[int, int]:
         """Return the counters that the firmware reads, 0..65535."""
         left, right = (
-            ((now - before + _HALF_WRAP) & _MASK) - _HALF_WRAP
-            for now, before in zip(counts, self._raw, strict=True)
+            _new_counts(before, now) for before, now in zip(self._raw, counts, strict=True)
         )
         self._raw = counts
         if faults.encoder_reversed_left:
@@ -102,7 +96,11 @@ class CountDropout:
         The wheel must turn by less than half of the counter's range between two calls.
         """
         if self.before is not None and share > 0.0:
-            new = ((count - self.before + _HALF_WRAP) & _MASK) - _HALF_WRAP
-            self._lost += min(1.0, share) * new
+            self._lost += min(1.0, share) * _new_counts(self.before, count)
         self.before = count
         return (count - round(self._lost)) & _MASK
+
+
+def _new_counts(before: int, now: int) -> int:
+    """Return the difference of a 16-bit counter; the emulator does not use the host's odometry."""
+    return (now - before + _HALF_WRAP & _MASK) - _HALF_WRAP

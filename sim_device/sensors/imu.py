@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from protocol.imu import NOMINAL, ImuScale
+from protocol.imu import GRAVITY_M_S2, NOMINAL, ImuScale
 from sim_device.body.lift import Lift
 from sim_device.sensors.faults import SensorFaults
 from sim_device.sensors.imu_kernel import AXES, DRAWS, ImuChip, sample
@@ -48,7 +48,6 @@ ACCEL_LSB_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
 GYRO_DELAY_MS = (0.98, 1.9, 2.8, 4.8, 8.3, 13.4, 18.6)
 """Group delay of the gyro for each filter setting DLPF_CFG, ms (register map, section 4.3). The
 accelerometer's delay differs by at most 0.9 ms."""
-GRAVITY_M_S2 = 9.80665
 AMBIENT_C = 25.0
 WARMING_C = 6.0
 """Temperature rise of the board above ambient, °C, with the time constant
@@ -195,7 +194,7 @@ class ImuSensor:
             self._rng.standard_normal(out=self._normals)
             at = 0
         self._at = at + DRAWS
-        if self._faults.touched or self._lift.active:
+        if self._faults.changed or self._lift.active:
             self._obey(now.tick_ms)
         return _new(ImuCounts, sample(self._chip, self._normals, at, *now))
 
@@ -204,7 +203,7 @@ class ImuSensor:
         if faults.lifted or self._lift.active:
             self._feel_lift(tick_ms)
         else:
-            faults.touched = False
+            faults.changed = False
         gyro, accel = self._reported_bias
         if faults.gyro_bias_deg_s != gyro or faults.accel_bias_g != accel:
             self._obey_bias()

@@ -70,18 +70,11 @@ class World:
         corners = [*_corners(plan.walls, floor_inside=True)]
         for obstacle in plan.obstacles:
             corners += _corners(obstacle, floor_inside=False)
-        self._corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
-        self.corner_x_m, self.corner_y_m = self._corners[:, 0], self._corners[:, 1]
-        self.corner_juts = self._corners[:, 2] > 0.0
-        """For each corner: True if it is convex (an obstacle's corner), False if it is concave (a
-        corner of the room)."""
+        self.corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
+        """Corners in the format of ``ray_kernel``, one row per corner: x and y, m, and 1 if the
+        corner is convex (an obstacle's corner) or 0 if it is concave (a corner of the room)."""
         if check_start:
             check_robot_fits(plan, self.radius_m)
-
-    @property
-    def edge_count(self) -> int:
-        """Number of wall and obstacle edges."""
-        return len(self.edges)
 
     def with_walker(self, x_m: float, y_m: float, radius_m: float) -> World:
         """Return a world with a round walker; radius 0 removes the walker."""
@@ -140,7 +133,7 @@ class World:
         ``pose`` and ``beams`` are as for ``cast_beams``.
         """
         x_m, y_m, theta_rad = pose
-        return echo(self.edges, self.walker, self._corners, x_m, y_m, theta_rad, beams, ear)
+        return echo(self.edges, self.walker, self.corners, x_m, y_m, theta_rad, beams, ear)
 
     def cast(
         self,

@@ -194,7 +194,7 @@ def report(done: Run) -> None:
     print(row("decision that searches: stood", [d.stood for d in searched], "steps of 20 ms"))
     stood_s = STEP_S * sum(decision.stood for decision in searched)
     print(f"stood for searches: {stood_s:.1f} s of {done.duration_s:.0f}")
-    memory = planner.context.map
+    memory = planner.context.evidence_map
     print(f"the longest control step: {max(done.asked_ns + done.unasked_ns) / 1e6:.2f} ms of 20")
     print(
         f"map at rest, 2 bits a cell: {memory.packed().size_bytes} B; the layers that the planner"

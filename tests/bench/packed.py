@@ -67,9 +67,9 @@ def and_bumps_in_blocks(memory: EvidenceMap) -> None:
 
 
 def and_tries(memory: EvidenceMap) -> None:
-    once = memory.tried > 0
+    once = memory.attempts > 0
     two_bits(memory)
-    memory.tried[once & (memory.swept == 0)] = 1
+    memory.attempts[once & (memory.swept == 0)] = 1
 
 
 def and_hints(memory: EvidenceMap) -> None:
@@ -123,7 +123,7 @@ class Forgetful(RecoveryPlanner):
         if self._keep is not None and not searching:
             self._ended += 1
             if self._ended % self._every == 0:
-                self._keep(self.context.map)
+                self._keep(self.context.evidence_map)
         return super().next(result, obs)
 
 

@@ -164,6 +164,7 @@ def test_the_source_of_a_value_is_printed_when_it_is_used(home: Path) -> None:
         ("[defaults]\nnoise = 'loud'\n", "defaults.noise: 'loud' is not one of"),
         ("[defaults]\nplan = 'recovery'\n", "defaults.plan: no such key"),
         ("[robots.k]\nnode = 1\n", "robots.k.port: is missing"),
+        ("[robots.k]\n", "sweepctl.toml: robots.k.port: is missing"),
         ("[robots.k]\nport = '/dev/x'\nnode = 16\n", "robots.k.node: 16 is out of range 1..15"),
         ("[robots.'a/b']\nport = '/dev/x'\n", "a name has no slash, colon, dot or space"),
         ("[robots]\nk = 1\n", "robots.k: must be a table"),

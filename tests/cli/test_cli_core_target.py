@@ -81,6 +81,26 @@ def test_options_that_do_not_fit(arguments: list[str], reason: str) -> None:
     assert reason in done.err
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("command", [RUN, ("emulate", "case-1", "--target", "core")])
+def test_a_signal_ends_the_wait_for_a_debugger(
+    tmp_path: Path, command: tuple[str, ...], number: signal.Signals, *, own: bool
+) -> None:
+    firmware = ["--firmware", str(library(*LIBRARY))] if own else []
+    process = start(*command, "--gdb", *firmware, cwd=tmp_path)
+    try:
+        assert process.stderr is not None
+        assert "waiting for a debugger: gdb" in process.stderr.readline()
+        process.send_signal(number)
+        _, err = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, err.strip()) == (0, "sweepctl: interrupted")
+    finally:
+        if process.poll() is None:
+            end(process, signal.SIGKILL)
+            process.communicate()
+
+
 @pytest.mark.needs("gdb")
 @pytest.mark.parametrize("own", [False, True])
 def test_it_waits_for_a_debugger(tmp_path: Path, *, own: bool) -> None:

@@ -115,6 +115,12 @@ def test_invalid_logs(folder: Path) -> None:
     assert "gone.mcap: no such file or port" in done.line
 
 
+@pytest.mark.parametrize("option", ["--duration", "--node", "--baud"])
+def test_an_option_of_a_port_is_rejected_for_a_file(option: str) -> None:
+    done = sweepctl("doctor", __file__, option, "9600" if option == "--baud" else "3")
+    assert (done.status, f"{option} needs a port" in done.line) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("file_or_port", "option", "reported"),
     [
@@ -122,12 +128,14 @@ def test_invalid_logs(folder: Path) -> None:
         ("socket://127.0.0.1:9", "--find-baud", "socket://127.0.0.1:9 has no baud rate"),
         (__file__, "--find-baud", "is a file"),
         (__file__, "--listen", "is a file"),
+        (__file__, "--duration=3", "--duration needs a port"),
+        (__file__, "--node=2", "--node needs a port"),
     ],
 )
 def test_conflicting_options(file_or_port: str, option: str, reported: str) -> None:
     done = sweepctl("doctor", file_or_port, option)
     assert done.status == 2
-    assert option in done.line
+    assert option.partition("=")[0] in done.line
     assert reported in done.line
 
 

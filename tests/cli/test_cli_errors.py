@@ -68,6 +68,7 @@ def test_a_damaged_room(folder: Path, command: str, what: str) -> None:
     done = sweepctl(command, "room.json")
     assert done.status == 2
     assert named in done.line
+    assert "sys." not in done.line
     assert len(done.line) < 400
     assert done.out == ""
     assert [path.name for path in folder.iterdir()] == ["room.json"], "no log was begun"
@@ -87,6 +88,8 @@ def test_a_room_that_is_not_there(folder: Path) -> None:
     done = sweepctl("simulate", folder)
     assert done.status == 2
     assert str(folder) in done.line
+    done = sweepctl("room", "show", "")
+    assert (done.status, "no room ''" in done.line) == (2, True)
 
 
 def test_a_room_larger_than_a_room(folder: Path) -> None:
@@ -99,6 +102,7 @@ BAD_ROBOTS = {
     "not TOML": ("wheel_base_m = ", "TOML"),
     "no such key": ("wheels = 3", "wheels"),
     "no such key in a table": ("[ultrasonic]\nq = 1", "ultrasonic.q"),
+    "a number of 5000 digits": (f"wheel_base_m = {'9' * 5000}", "too many digits"),
     "text for a number": ('wheel_base_m = "a"', "wheel_base_m"),
     "NaN": ("wheel_base_m = nan", "wheel_base_m"),
     "nothing": ("cleaning_width_m = 0", "cleaning_width_m"),
@@ -137,10 +141,39 @@ USAGE = {
     "time": (("simulate", "empty", "--max-time", "0"), "--max-time"),
     "time that is no number": (("simulate", "empty", "--max-time", "nan"), "--max-time"),
     "duration": (("connect", "/dev/null", "--duration", "nan"), "--duration"),
+    "size that is no number": (
+        ("connect", "/dev/null", "--rotate-mb", "nan"),
+        "'nan' is not a number",
+    ),
+    "speed that is no number": (("simulate", "empty", "--speed", "nan"), "'nan' is not a number"),
+    "playback that is no number": (("replay", "x", "--speed", "nan"), "'nan' is not a number"),
+    "log without a name": (("simulate", "empty", "--out", ""), "'--out': the name is empty"),
+    "folder without a name": (("generate", "md", "--out", ""), "'--out': the name is empty"),
+    "tables without a name": (("export", "x", "--out", ""), "'--out': the name is empty"),
+    "a folder that is a device": (("generate", "md", "--out", "/dev/full"), "not a folder"),
+    "file without a name": (("info", ""), "'FILE': the name is empty"),
     "node": (("emulate", "--node", "16"), "--node"),
     "one delay of two": (("connect", "/dev/null", "--adapter-delay", "1"), "'1' is not OUT_MS"),
     "a delay below 0": (("connect", "/dev/null", "--adapter-delay", "1,-1"), "-1 ms"),
     "a delay that is no number": (("connect", "/dev/null", "--adapter-delay", "nan,0"), "nan ms"),
+    "a plot without its step": (
+        ("bringup", "/dev/null", "--step", "rest", "--plot", "x.png"),
+        "--plot needs the step control",
+    ),
+    "a planner of the device without supervision": (
+        ("connect", "/dev/null", "--onboard", "paper"),
+        "--onboard needs --supervise",
+    ),
+    "a bit rate without CAN": (("emulate", "--bitrate", "500000"), "--bitrate needs --link"),
+    "force without a file": (("emulate", "--force"), "--force needs --truth"),
+    "an unknown option beside a number": (
+        ("param", "set", "/dev/null", "gyro_bias", "-0.01", "--sav"),
+        "No such option '--sav'",
+    ),
+    "a part of an IMU twice": (
+        ("generate", "dbc", "--out", "x", "--imu", "accel=1,accel=2"),
+        "accel is given twice",
+    ),
     "clear": (("connect", "/dev/null", "--clear-stop"), "--plan"),
     "option": (("simulate", "empty", "--fast"), "--fast"),
     "room": (("simulate",), "ROOM"),

@@ -222,12 +222,12 @@ def test_constants_are_screened_against_their_defaults(tmp_path: Path) -> None:
     grid = ("--rooms", "case-1", "--max-time", "6", "--seeds", "1", "--factors", "2")
     done = sweepctl(
         *("experiment", "sensitivity", *grid, "--out", tmp_path, "--json"),
-        *("--constants", "planner.tries,follow.lookahead_m"),
+        *("--constants", "planner.max_attempts,follow.lookahead_m"),
     )
     assert done.status == 0
     assert done.json["runs"] == 3
     table = done.json["tables"]["Sensitivity to the tuned constants"]
-    assert {line["constant"] for line in table} == {"planner.tries", "follow.lookahead_m"}
+    assert {line["constant"] for line in table} == {"planner.max_attempts", "follow.lookahead_m"}
     assert {line["value"] for line in table} == {"4", "0.22"}
 
 
@@ -235,10 +235,13 @@ def test_constants_are_screened_against_their_defaults(tmp_path: Path) -> None:
     ("arguments", "part"),
     [
         (("limits", "--against", "."), "--against needs compare"),
-        (("compare", "--constants", "planner.tries"), "--constants needs sensitivity"),
+        (("compare", "--constants", "planner.max_attempts"), "--constants needs sensitivity"),
         (("compare", "--factors", "2"), "--factors needs sensitivity"),
         (("sensitivity", "--planners", "paper"), "sensitivity runs recovery"),
-        (("sensitivity", "--constants", "planner.trie"), "did you mean planner.tries?"),
+        (
+            ("sensitivity", "--constants", "planner.max_attempt"),
+            "did you mean planner.max_attempts?",
+        ),
         (
             ("sensitivity", "--constants", "xyz"),
             "xyz: no such key; known are bearing, braking, ",

@@ -91,7 +91,7 @@ def test_the_pages_statements_on_a_kind_hold(row: tuple[str, ...]) -> None:
     ("text", "message"),
     [
         ("wheel-stucc@1", "did you mean wheel-stuck?"),
-        ("silence", "when?"),
+        ("silence", "no time: write"),
         ("bit-flips@1:2:rate=2", "rate '2' is not in 0 to 1"),
         ("obstacle@1:index=7", "the room has no obstacle 7; it has only 0"),
     ],

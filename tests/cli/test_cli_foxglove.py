@@ -126,5 +126,7 @@ def test_rerun_and_foxglove_at_once_are_wrong_usage_of_replay(
     log = short_runs(tmp_path_factory)[0].log
     done = sweepctl("replay", log, "--serve", "--foxglove", "0")
     assert (done.status, "not both" in done.line) == (2, True)
+    done = sweepctl("replay", log, "--from", "999", "--foxglove", "0")
+    assert (done.status, "--from 999 is after the end: the log has" in done.line) == (2, True)
     done = sweepctl("replay", log, "--link", "pty", "--foxglove", "0")
     assert (done.status, "omit" in done.line) == (2, True)

@@ -10,6 +10,7 @@ import pytest
 
 from bridge.api.exchange import LoopExchange
 from bridge.api.remote import RemoteRobot
+from bridge.record.policy import open_log
 from bridge.run.client import DeviceClient
 from support.emulated import Emulated
 from tools.cli.console import print_summary as print_whole
@@ -150,3 +151,33 @@ def test_a_second_ctrl_c_does_not_cut_off_the_summary(
     assert status == 0
     assert json.loads(capsys.readouterr().out)["outcome"] == "stopped"
     assert signal.getsignal(signal.SIGINT) == before
+
+
+def test_ctrl_c_before_a_log_is_open_ends_the_run_as_it_starts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def interrupted_log(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - as the original
+        signal.raise_signal(signal.SIGINT)
+        return open_log(*arguments, **options)
+
+    monkeypatch.setattr("tools.live.run.open_log", interrupted_log)
+    out = tmp_path / "run.mcap"
+    with Emulated() as emulated:
+        status = run(["connect", emulated.port, "--json", "--out", str(out)])
+    assert status == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["outcome"], summary["reason"]) == ("stopped", "ended by Ctrl-C")
+    assert not out.exists(), "the log of a run without a robot is removed"
+
+
+@pytest.mark.parametrize("command", ["connect", "simulate"])
+def test_ctrl_c_before_a_run_begins_gives_one_object(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    monkeypatch.setattr("bridge.config.load_robot", interrupt)
+    assert run([command, "case-1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "outcome": "stopped",
+        "reason": "interrupted before the run began",
+        "exit_status": 0,
+    }

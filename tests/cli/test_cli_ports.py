@@ -1,4 +1,4 @@
-"""``ports``, ``stop`` and ``key`` as users run them, without a robot."""
+"""``ports``, ``monitor``, ``stop`` and ``key`` as users run them, without a robot."""
 
 from __future__ import annotations
 
@@ -23,6 +23,18 @@ def test_the_udev_rule_is_printed_unchanged() -> None:
     assert result.err == ""
     assert result.out.startswith("# A sweeping robot's serial adapter")
     assert 'LABEL="sweepctl_end"' in result.out
+
+
+def test_the_udev_rule_is_no_json() -> None:
+    done = sweepctl("ports", "--udev-rule", "--json")
+    assert (done.status, "omit --json" in done.line) == (2, True)
+
+
+def test_the_traffic_needs_no_robot_file(tmp_path: Path) -> None:
+    robot = tmp_path / "robot.toml"
+    robot.write_text("", encoding="utf-8")
+    done = sweepctl("monitor", str(tmp_path / "ttyUSB0"), "--robot", str(robot))
+    assert (done.status, "--robot needs --handshake" in done.line) == (2, True)
 
 
 def test_a_port_that_is_named_is_listed_and_not_opened(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 
 from bridge.config import load_robot
 from bridge.motion.robot_model import RobotModel
-from support.cli import sweepctl
+from support.cli import end, start, sweepctl
 from support.root import ROOT
 
 if TYPE_CHECKING:
@@ -164,6 +164,14 @@ def test_room_show_draws_and_gives_the_areas(tmp_path: Path) -> None:
     # the mouth stays 8 cm from the walls: 3.84 × 2.84 minus the rounded corners
     assert facts["sweepable_m2"] == pytest.approx(3.84 * 2.84 - 0.8584 * 0.08**2, abs=0.03)
     assert png.read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("backend", ["foo", "tkagg"])
+def test_a_picture_needs_no_display_and_no_backend_of_one(tmp_path: Path, backend: str) -> None:
+    png = tmp_path / "room.png"
+    words = ("room", "show", "empty", "--png", png)
+    done = end(start(*words, cwd=tmp_path, env={"MPLBACKEND": backend}))
+    assert (done.status, png.read_bytes()[:4]) == (0, b"\x89PNG"), done.err
 
 
 def test_the_rooms_page_can_be_followed(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from support.cli import sweepctl
 from support.root import ROOT
 from support.small_logs import write_log
+from tools.cli.main import run
 from tools.dev.run_columns import PATH, with_columns
 
 if TYPE_CHECKING:
@@ -98,7 +100,6 @@ def test_json_has_every_column_and_the_files_that_cannot_be_read(runs: Path) -> 
         (("nowhere",), "'nowhere' does not exist"),
         (("tag", "latest~9", "x"), "no run latest~9 in runs: it has 3 runs"),
         (("tag", "latest", "two words"), "'two words' is no tag"),
-        (("tag", "runs/none.mcap", "x"), "not the log of a run"),
         (("tag", "latest", "--remove"), "--remove needs the tags to remove"),
         (("compare", "--by", "planer"), "no column 'planer'; did you mean planner?"),
         (("compare", "--out", "x.pdf"), "the format is .html or .htm or .png, not .pdf"),
@@ -110,6 +111,13 @@ def test_an_error_is_one_line(runs: Path, words: tuple[str, ...], text: str) -> 
     assert done.status == 2
     assert text in done.line
     assert (runs / "run-0.mcap").exists()
+
+
+def test_a_log_that_is_not_there_is_named(runs: Path) -> None:
+    del runs
+    for words in (("tag", "runs/none.mcap", "x"), ("note", "runs/none.mcap", "x")):
+        done = sweepctl("runs", *words)
+        assert (done.status, "runs/none.mcap: No such file" in done.line) == (1, True)
 
 
 def test_without_the_default_folder_it_asks_for_one(
@@ -188,3 +196,14 @@ def test_the_list_of_an_indexed_library_loads_nothing_heavy(runs: Path) -> None:
     )
     assert done.stderr.strip() == "[]"
     assert len(done.stdout.splitlines()) == 4
+
+
+def test_an_index_that_cannot_be_written_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, mode: mode != os.W_OK)
+    write_log(tmp_path / "a.mcap")
+    assert run(["runs", "index", str(tmp_path)]) == 1
+    printed = capsys.readouterr().err
+    assert "cannot be written" in printed
+    assert "the index has" not in printed

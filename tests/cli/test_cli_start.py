@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.record.reader import LogReader
 from support.processes import COMMAND
 from support.root import ROOT
 from tools.cli.options import log_path
@@ -74,7 +75,16 @@ def test_ctrl_c_while_it_starts_ends_it_quietly(module: str, tmp_path: Path) -> 
     assert "Exception ignored" not in done.stderr
     assert done.returncode == 0, done.stderr
     # Either no run had begun, or the run reports the interrupt.
-    assert done.stderr.strip() == "sweepctl: interrupted" or '"ended by Ctrl-C"' in done.stdout
+    result = json.loads(done.stdout)
+    assert result["outcome"] == "stopped"
+    log = tmp_path / "run.mcap"
+    if result["reason"] == "ended by Ctrl-C":
+        assert LogReader(log).problems == []
+        assert not LogReader(log).truncated
+    else:
+        assert result["reason"] == "interrupted before the run began"
+        assert done.stderr.strip() == "sweepctl: interrupted"
+        assert not log.exists()
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 MODEL, OPTIONS = RobotModel(), RecoveryOptions()
 GEOMETRY = PlannerGeometry.from_model(MODEL, OPTIONS)
-LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
+LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "attempts")
 place = st.tuples(
     st.floats(-0.8, 0.8, allow_nan=False),
     st.floats(-0.8, 0.8, allow_nan=False),
@@ -81,7 +81,7 @@ def box_of(memory: EvidenceMap) -> tuple[slice, slice]:
 def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the cells where the axle can be, and the cells that need no sweeping."""
     window = SearchWindow(
-        memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers()
+        memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.max_attempts, Buffers()
     )
     # the cells of the window's rim are closed
     return window.open[1:-1, 1:-1] > 0, window.done[1:-1, 1:-1] > 0
@@ -127,7 +127,7 @@ def test_observations_survive_as_documented(
     assert ((after["wall"] >= SURE) == (there & ~visited)).all()
     swept = before["swept"] > 0
     assert (after["swept"] > 0)[swept & ~(there & ~visited)].all()
-    given_up = before["tried"] >= OPTIONS.tries
+    given_up = before["attempts"] >= OPTIONS.max_attempts
     assert not (after["swept"] > 0)[~(swept | given_up | visited)].any()
 
     assert (done_after | ~done_before).all()

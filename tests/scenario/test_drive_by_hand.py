@@ -11,6 +11,7 @@ import pytest
 from bridge.record.reader import LogReader
 from protocol.messages.values import StopCause
 from support.cli import sweepctl
+from support.root import ROOT
 from support.served import Served
 from support.terminal import OnTerminal
 from support.waiting import until
@@ -72,6 +73,14 @@ def pad_event(kind: int, number: int, value: int) -> bytes:
     return struct.pack("<IhBB", 0, value, kind, number)
 
 
+OPEN_FIFO = """
+import os
+from bridge.io import gamepad
+gamepad.open_joystick = lambda path: os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+"""
+"""Module that Python loads at its start. It lets a FIFO stand for a joystick device."""
+
+
 def test_a_held_key_or_stick_drives_until_its_release(served: Served, tmp_path: Path) -> None:
     pad = tmp_path / "js0"
     os.mkfifo(pad)
@@ -80,8 +89,10 @@ def test_a_held_key_or_stick_drives_until_its_release(served: Served, tmp_path: 
     def push() -> None:
         os.write(keeper, pad_event(1, 4, 1) + pad_event(2, 1, -20000))
 
+    (tmp_path / "sitecustomize.py").write_text(OPEN_FIFO)
+    path = os.pathsep.join((str(tmp_path), str(ROOT)))
     asked = ("drive", served.port, "--speed", "0.2", "--gamepad", pad)
-    with OnTerminal(*asked, cwd=tmp_path, kitty=True) as terminal:
+    with OnTerminal(*asked, cwd=tmp_path, kitty=True, PYTHONPATH=path) as terminal:
         terminal.shows("run driving")
         terminal.shows("hold")
         terminal.press(UP)

@@ -74,8 +74,8 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path, target: str) -> N
             with socket.create_connection(address) as second:
                 printed = read_all(second).decode()
             assert printed.count("\n") == 1
-            assert "refused: this sweeper has a host already, 127.0.0.1:" in printed
-            device.prints("was refused")
+            assert "rejected: this sweeper has a host already, 127.0.0.1:" in printed
+            device.prints("was rejected")
             with talking(first):
                 ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3

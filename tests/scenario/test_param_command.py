@@ -11,6 +11,7 @@ import bridge
 from bridge.motion.robot_model import RobotModel
 from support.cli import sweepctl
 from support.served import Served
+from tools.cli.keyfile import make_key
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -81,6 +82,10 @@ def test_a_rejection_reports_its_reason(port: str, served: Served) -> None:
     assert unknown.status == 2
     assert "did you mean wheel_base?" in unknown.line
     assert param("set", port, "wheel_base").status == 2
+    twice = param("set", port, "wheel_base", "0.231", "wheel_base", "0.232")
+    assert (twice.status, "wheel_base is given twice" in twice.line) == (2, True)
+    below = param("set", port, "max_speed", "-0.01")
+    assert "max_speed: -0.01 is not in" in below.line
     assert "is not a number" in param("set", port, "wheel_base", "wide").line
 
 
@@ -151,3 +156,25 @@ def test_no_such_port() -> None:
     assert param("list", "/dev/none-such").status == 3
     done = param("list", "/dev/none-such", "--json")
     assert json.loads(done.out)["exit_status"] == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("param", "set", "PORT", "cruise_speed", "0.15"), "get parameter"),
+        (("reboot", "PORT"), "reboot"),
+        (("key", "PORT", "--clear"), "set key"),
+    ],
+)
+def test_a_wrong_key_is_reported(
+    served: Served, tmp_path: Path, words: tuple[str, ...], what: str
+) -> None:
+    right, wrong = tmp_path / "right.key", tmp_path / "wrong.key"
+    assert sweepctl("key", served.port, "--set", right).status == 0
+    make_key(wrong)
+    arguments = [served.port if word == "PORT" else word for word in words]
+    done = sweepctl(*arguments, "--key-file", wrong)
+    assert done.status == 4
+    assert done.line.endswith(
+        f"the device did not answer {what}; check that the key is the device's key"
+    )

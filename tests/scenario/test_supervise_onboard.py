@@ -22,6 +22,7 @@ from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
 from sim_device.device.modes import Event
 from sim_device.sweeper import VirtualSweeper
 from support.ends import Collector, Ends, HostEnd
+from support.missions import stop_confirmed
 
 if TYPE_CHECKING:
     from bridge.supervise import Reaction
@@ -74,7 +75,7 @@ def test_ctrl_c_ends_it() -> None:
     ends, host, _ = moving()
     host.end(Ending("stopped", "ended by Ctrl-C", 0), ends.host_ns)
     assert ends.run(1.0, lambda: host.mission.done)
-    assert host.mission.stop_confirmed
+    assert stop_confirmed(host.mission)
     ends.run(1.0)
     assert not ends.moving
     assert ends.device.firmware.mode is Mode.IDLE
@@ -244,14 +245,14 @@ def test_full_speed_returns_only_after_the_device_reported_standstill() -> None:
     assert not host.mission.done
     ends.to_host.cut = False
     assert ends.run(0.5, lambda: host.mission.done)
-    assert host.mission.stop_confirmed
+    assert stop_confirmed(host.mission)
     assert ends.parameter("max_speed") > slow
     assert ending(host).reason == "enough"
 
 
 def check_reported_as_slow(ends: Ends, host: Host, sink: Collector) -> None:
     assert ends.run(1.2, lambda: host.mission.done)
-    assert host.mission.stop_confirmed
+    assert stop_confirmed(host.mission)
     assert ending(host).reason == "enough"
     assert [e.kind for e in reported(sink)][-1] == "slow_left"
     assert "until a reboot" in reported(sink)[-1].text

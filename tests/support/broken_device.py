@@ -498,9 +498,9 @@ class ObeysUnsignedCommands(Keyed):
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
         keyring = self.device.firmware.keyring
-        refuses, command_types = keyring.refuses, {SetMode, SetStreamRate}
+        must_reject, command_types = keyring.must_reject, {SetMode, SetStreamRate}
         kinds = {CATALOGUE.by_class[kind].type_id for kind in command_types}
-        keyring.refuses = lambda frame: frame.type_id not in kinds and refuses(frame)  # type: ignore[method-assign]  # the defect
+        keyring.must_reject = lambda frame: frame.type_id not in kinds and must_reject(frame)  # type: ignore[method-assign]  # the defect
 
 
 class ObeysUnsignedSetpoints(Keyed):
@@ -509,8 +509,8 @@ class ObeysUnsignedSetpoints(Keyed):
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
         keyring = self.device.firmware.keyring
-        refuses, setpoint = keyring.refuses, CATALOGUE.by_class[VelocitySetpoint].type_id
-        keyring.refuses = lambda frame: frame.type_id != setpoint and refuses(frame)  # type: ignore[method-assign]  # the defect
+        must_reject, setpoint = keyring.must_reject, CATALOGUE.by_class[VelocitySetpoint].type_id
+        keyring.must_reject = lambda frame: frame.type_id != setpoint and must_reject(frame)  # type: ignore[method-assign]  # the defect
 
 
 class AnyTag(Authenticator):

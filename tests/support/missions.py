@@ -70,6 +70,11 @@ def ending(mission: Mission) -> Ending:
     return mission.ending
 
 
+def stop_confirmed(mission: Mission) -> bool:
+    """Return True if the device has confirmed the stop of the highest cause."""
+    return mission.ending is not None and mission.confirmed >= mission.stop_cause
+
+
 def status(cause: int = 0) -> Status:
     """Return a status with a stop cause."""
     return Status(0, cause, 0, 0, 0)

@@ -15,6 +15,9 @@ from support.observed import AT_REST
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from bridge.coverage.recovery.map import EvidenceMap
+    from bridge.coverage.recovery.search import Choice
+    from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation
 
     Returned = TypeVar("Returned")
@@ -35,6 +38,19 @@ def context_at(
 def kinds(context: RecoveryContext) -> list[str]:
     """Return the kinds of the events since the last call."""
     return [event.kind for event in context.record.drain()]
+
+
+def choose(
+    chooser: Chooser, evidence_map: EvidenceMap, pose: Pose2, grid_rad: float
+) -> Choice | None:
+    """Run a whole search. Return the best choice; None: no choice is worthwhile."""
+    search = chooser.search(evidence_map, pose, grid_rad)
+    while True:
+        try:
+            next(search)
+        except StopIteration as stop:
+            found: Choice | None = stop.value
+            return found
 
 
 def returned(part: Generator[object, object, Returned]) -> Returned:

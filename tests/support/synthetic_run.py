@@ -36,6 +36,7 @@ from bridge.session.records import (
 from protocol.imu import NOMINAL
 from protocol.messages.device import Encoders, Imu, Power, Range, Status
 from protocol.schema.catalogue import CATALOGUE
+from support.wheel_speeds import wheel_speeds_m_s
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -112,7 +113,7 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
         now_ns = EPOCH_NS + step * STEP_NS
         t_us = step * 20_000
         noise = rng.normal(0.0, 1.0, 8)
-        vl, vr = model.wheel_speeds_m_s(v, w)
+        vl, vr = wheel_speeds_m_s(model, v, w)
         left += vl * 0.02 / model.metres_per_count
         right += vr * 0.02 / model.metres_per_count
         yield RawBytes(now_ns, False, bytes(rng.integers(0, 256, 60, dtype=np.uint8)))  # noqa: FBT003 - a named tuple's field

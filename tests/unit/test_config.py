@@ -211,7 +211,7 @@ def test_a_sensor_that_is_not_fitted_is_a_caution_and_nothing_of_it_is_checked()
     assert list(model.fitted_rangers) == ["infrared_left", "infrared_right"]
     assert parse_robot(to_toml(model)) == model
     (caution,) = robot_cautions(model)
-    assert caution.startswith("ultrasonic.fitted: without this sensor the robot stops before")
+    assert caution.startswith("ultrasonic.fitted: without this sensor the robot detects a new")
 
 
 @pytest.mark.parametrize("value", ["1", "'no'", "[true]"])

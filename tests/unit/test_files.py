@@ -77,6 +77,21 @@ def test_a_command_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         assert "pipe: it is a pipe, not a file" in done.line, arguments
 
 
+def test_a_device_that_keeps_nothing_needs_no_force(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    simulated = ("simulate", "empty", "--max-time", "2", "--out")
+    assert sweepctl(*simulated, log).status == 1, "the time limit"
+    done = sweepctl(*simulated, os.devnull)
+    assert (done.status, "exists" in done.err) == (1, False)
+    for arguments in (("recover", log), ("report", log), ("diff", log, log)):
+        done = sweepctl(*arguments, "--out", os.devnull)
+        assert (done.status, "exists" in done.err) == (0, False), arguments
+    if Path("/dev/full").exists():
+        done = sweepctl(*simulated, "/dev/full")
+        assert "cannot write /dev/full: No space left on device" in done.err
+        assert Path("/dev/full").is_char_device(), "it is not removed"
+
+
 def test_the_pipe_of_a_shell_may_hold_a_small_file() -> None:
     """As in ``--robot <(command)``."""
     reading, writing = os.pipe()

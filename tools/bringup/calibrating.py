@@ -10,7 +10,7 @@ import click
 
 from tools.cli.completion import complete_robot
 from tools.cli.configuration import RobotsOwnOption
-from tools.cli.paths import is_there
+from tools.cli.paths import PathName, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -153,8 +153,6 @@ def load_existing(robot: Path | None) -> tuple[Any, str]:
 
 def writing_options(f: Callable[..., object]) -> Callable[..., object]:
     """Add ``--robot`` and ``--yes``."""
-    from pathlib import Path as ClickPath
-
     f = click.option(
         "--yes",
         is_flag=True,
@@ -163,7 +161,7 @@ def writing_options(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--robot",
         cls=RobotsOwnOption,
-        type=click.Path(dir_okay=False, path_type=ClickPath),
+        type=PathName(dir_okay=False),
         shell_complete=complete_robot,
         help="Robot file (TOML) to read and to update; created if missing.  [default: that of the "
         "named robot]",

@@ -8,8 +8,7 @@ import math
 import sys
 import threading
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,10 +21,12 @@ from bridge.errors import (
 from bridge.io.identifiers import new_session_id
 from tools.cli.cautions import caution_lines
 from tools.cli.console import ask, inform
+from tools.cli.paths import PathName
 from tools.cli.signals import until_signalled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
 
     from bridge.bringup.port import BringupPort
     from bridge.bringup.recorded import BringupRecords
@@ -56,7 +57,7 @@ def bringup_session(
     Raises:
         PortError: the port cannot be opened, or no device answers.
         IncompatibleError: the device is incompatible.
-        LogExistsError: the log exists, and ``--force`` is not given.
+        OutputExistsError: the log exists, and ``--force`` is not given.
         LogWriteError: the log cannot be written.
 
     """
@@ -145,7 +146,7 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
     made = click.option("--force", is_flag=True, help="Replace output files that exist.")(gathered)
     return click.option(
         "--log",
-        type=click.Path(dir_okay=False, path_type=Path),
+        type=PathName(dir_okay=False),
         help="Log file (MCAP) for all traffic and findings.",
     )(made)
 
@@ -153,12 +154,10 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
 class Terminal:
     """Prompts at this terminal; the session with the device continues during a prompt."""
 
-    def __init__(
-        self, session: BringupSession, *, yes: bool = False, source: TextIO | None = None
-    ) -> None:
-        """Prompt on stderr and read from ``source`` (stdin); ``yes`` confirms every question."""
+    def __init__(self, session: BringupSession, *, yes: bool = False) -> None:
+        """Prompt on stderr and read from stdin; ``yes`` confirms every question."""
         self._session, self._yes = session, yes
-        self._source = source or sys.stdin
+        self._source = sys.stdin
 
     def show(self, text: str) -> None:
         """Print a line."""

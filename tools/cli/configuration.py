@@ -8,7 +8,6 @@ on the command line has priority over every file.
 from __future__ import annotations
 
 import os
-import tomllib
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
 
 VARIABLE = "SWEEPCTL_CONFIG"
 LOCAL = Path("sweepctl.toml")
+NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 _META = "sweepctl.configuration"
 _ROBOT = "sweepctl.named_robot"
 _MAX_BYTES = 64 * 1024
@@ -85,7 +85,7 @@ class Defaults(Shared):
     planner: str | None = _key("planner of `simulate`", built_in="recovery")
     noise: str | None = _key(
         "noise level of the virtual sweeper",
-        _choice("none", "paper", "typical", "harsh"),
+        _choice(*NOISE_LEVELS),
         "typical",
     )
 
@@ -139,6 +139,7 @@ def load() -> Configuration:
     files: list[tuple[Path, bool]] = []
     defaults: dict[str, Value] = {}
     robots: dict[str, dict[str, Value]] = {}
+    sources: dict[str, str] = {}
     for path in config_files():
         tables = _read(path)
         files.append((path, tables is not None))
@@ -147,32 +148,30 @@ def load() -> Configuration:
         defaults |= _values(path, tables[0])
         for name, robot in tables[1].items():
             robots[name] = {**robots.get(name, {}), **_values(path, robot)}
-    _check_ports(robots)
+            sources.setdefault(name, str(path))
+    _check_ports(robots, sources)
     return Configuration(tuple(files), defaults, robots)
 
 
-def _check_ports(robots: Mapping[str, Mapping[str, Value]]) -> None:
+def _check_ports(robots: Mapping[str, Mapping[str, Value]], sources: Mapping[str, str]) -> None:
     from bridge.errors import ConfigError
 
     lacking = [name for name, robot in robots.items() if "port" not in robot]
     if lacking:
-        source = next((v.source for v in robots[lacking[0]].values()), "configuration")
-        raise ConfigError(*(f"robots.{name}.port: is missing" for name in lacking), source=source)
+        missing = (f"robots.{name}.port: is missing" for name in lacking)
+        raise ConfigError(*missing, source=sources[lacking[0]])
 
 
 def _read(path: Path) -> tuple[Defaults, dict[str, NamedRobot]] | None:
     """Read one file; None: the file does not exist."""
     from bridge.errors import ConfigError
     from bridge.spelling import unknown_key
-    from bridge.validation import fill
+    from bridge.validation import fill, load_toml
 
     text = _content(path)
     if text is None:
         return None
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"not valid TOML: {error}", source=str(path)) from None
+    data = load_toml(text, str(path))
     problems = [unknown_key("", key, _TABLES) for key in data if key not in _TABLES]
     defaults = _table(data.get("defaults", {}), "defaults", problems)
     found = fill(Defaults(), defaults, "defaults.", problems)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tools.cli.interrupt import set_done
 from tools.cli.output_queue import QueuedStream
 from tools.cli.visible_text import one_line, visible
 
@@ -103,8 +104,9 @@ def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         write_json(summary)
         flush()
-        return
-    plain_console().print(summary_table(summary))
+    else:
+        plain_console().print(summary_table(summary))
+    set_done()
 
 
 def summary_table(summary: dict[str, Any]) -> Table:

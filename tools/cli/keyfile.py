@@ -13,8 +13,6 @@ from bridge.files import open_to_read
 if TYPE_CHECKING:
     from pathlib import Path
 
-KEY_BYTES = 16
-"""Length of a key, bytes, as the protocol defines it."""
 MAX_FILE = 256
 """Maximum number of bytes read from a key file: the 32 digits and white space."""
 
@@ -34,6 +32,8 @@ def read_key(path: Path | None) -> bytes | None:
     """
     if path is None:
         return None
+    from protocol.authentication import KEY_SIZE
+
     try:
         with open_to_read(path, takes_pipe=True) as file:
             mode = os.fstat(file.fileno()).st_mode
@@ -46,8 +46,8 @@ def read_key(path: Path | None) -> bytes | None:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError:
         key = b""
-    if len(key) != KEY_BYTES:
-        raise KeyFileError(f"{path} holds no key: a key has {2 * KEY_BYTES} hexadecimal digits")
+    if len(key) != KEY_SIZE:
+        raise KeyFileError(f"{path} holds no key: a key has {2 * KEY_SIZE} hexadecimal digits")
     return key
 
 
@@ -59,7 +59,9 @@ def make_key(path: Path) -> bytes:
         KeyFileError: the file cannot be made.
 
     """
-    key = secrets.token_bytes(KEY_BYTES)
+    from protocol.authentication import KEY_SIZE
+
+    key = secrets.token_bytes(KEY_SIZE)
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:

@@ -6,21 +6,21 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from tools.cli.completion import complete_files
+from tools.cli.paths import PathName
 
 if TYPE_CHECKING:
+    import click
     from click.shell_completion import CompletionItem
 
 _LATEST = re.compile(r"latest(~\d+)?")
 
 
-class LogPath(click.Path):
+class LogPath(PathName):
     """Parameter type: the path of a log, or ``latest``, ``latest~N`` or ``DIR/latest``."""
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path)
+        super().__init__()
 
     def convert(
         self,

@@ -213,6 +213,8 @@ def _run(arguments: list[str]) -> int:
         command = _command_of(arguments)
         if command in _UNTIL_ENDED or command is None or is_done():
             print_error("interrupted")
+            if not is_done():
+                _write_outcome(arguments, "stopped", "interrupted before the run began", 0)
             return 0
         if command == _STOP:  # for a script, status 0 means that the robot has stopped
             text = "interrupted: the stop is not confirmed; check that the robot stands still"
@@ -307,9 +309,14 @@ def _unusable(error: OSError) -> str | None:
 def _failed(arguments: list[str], text: str, status: int) -> int:
     """Print why a command failed, with --json also as a JSON object, and return ``status``."""
     print_error(text)
-    if "--json" in arguments:
-        write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
+    _write_outcome(arguments, "fault", shortened(text), status)
     return status
+
+
+def _write_outcome(arguments: list[str], outcome: str, reason: str, status: int) -> None:
+    """With --json, print the outcome of a command that has no other result."""
+    if "--json" in arguments:
+        write_json({"outcome": outcome, "reason": reason, "exit_status": status})
 
 
 def _nowhere() -> TextIO:

@@ -12,8 +12,8 @@ import click
 
 from tools.cli import planners
 from tools.cli.completion import complete_fault, complete_robot
-from tools.cli.configuration import ConfiguredOption
-from tools.cli.paths import is_there
+from tools.cli.configuration import NOISE_LEVELS, ConfiguredOption
+from tools.cli.paths import PathName, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sim_device.line.line import LineSettings
     from sim_device.rig import Rig
     from sim_device.rigged import RiggedDevice
-
-NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 
 
 class Number(click.FloatRange):
@@ -233,7 +231,7 @@ def target_options(f: Callable[..., object]) -> Callable[..., object]:
         ),
         click.option(
             "--firmware",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            type=PathName(exists=True, dir_okay=False),
             metavar="FILE",
             help="Firmware of your own: with --target core a shared library "
             "(`make -C sim_device/firmware library`), which runs in a separate process; with "
@@ -258,7 +256,7 @@ def out_option(f: Callable[..., object]) -> Callable[..., object]:
     f = click.option("--force", is_flag=True, help="Replace the log file if it exists.")(f)
     return click.option(
         "--out",
-        type=click.Path(dir_okay=False, path_type=Path),
+        type=PathName(dir_okay=False),
         callback=_no_dash,
         help="Log file to write.  [default: runs/<UTC>-<room or port>.mcap]",
     )(f)
@@ -330,7 +328,7 @@ def key_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--key-file",
         cls=ConfiguredOption,
-        type=click.Path(dir_okay=False, path_type=Path),
+        type=PathName(dir_okay=False),
         help="Key file that authenticates motion (`sweepctl key` makes one).",
     )(f)
 
@@ -340,7 +338,7 @@ def robot_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--robot",
         cls=ConfiguredOption,
-        type=click.Path(dir_okay=False, path_type=Path),
+        type=PathName(dir_okay=False),
         shell_complete=complete_robot,
         help="Robot file (TOML).  [default: the paper's robot]",
     )(f)

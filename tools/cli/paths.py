@@ -1,12 +1,35 @@
-"""Tests of paths from the command line that never raise."""
+"""Paths from the command line: their parameter type, and tests that never raise."""
 
 from __future__ import annotations
 
 import stat
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
 
-if TYPE_CHECKING:
-    from pathlib import Path
+import click
+
+
+class PathName(click.Path):
+    """Parameter type: a path. An empty text is rejected, because it means the folder itself."""
+
+    def __init__(
+        self, *, exists: bool = False, file_okay: bool = True, dir_okay: bool = True
+    ) -> None:
+        super().__init__(exists=exists, file_okay=file_okay, dir_okay=dir_okay, path_type=Path)
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's interface
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> Any:  # noqa: ANN401 - click's interface
+        """Convert the text to a path."""
+        if not str(value):
+            self.fail("the name is empty: give a path.", param, ctx)
+        path: Any = super().convert(value, param, ctx)
+        if not self.file_okay and is_there(path) and not is_folder(path):  # such as a device
+            self.fail(f"{str(path)!r} is not a folder.", param, ctx)
+        return path
 
 
 def is_there(path: Path) -> bool:

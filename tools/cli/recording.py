@@ -36,7 +36,7 @@ def recording_options(f: Callable[..., object]) -> Callable[..., object]:
     )(f)
     f = click.option(
         "--rotate-mb",
-        type=click.FloatRange(0.1, 1e6),
+        type=options.Number(0.1, 1e6),
         help="Start a new log file (NAME-0002.mcap and so on) at N megabytes (10^6 bytes).",
         metavar="N",
     )(f)

@@ -32,6 +32,8 @@ def load_room(room: str, radius_m: float | None = None, start: Pose2 | None = No
         FloorPlanError: there is no such room, or its file is invalid.
 
     """
+    if not room:
+        raise _no_room(room)
     path = Path(room)
     if room in shipped_rooms() and not is_there(path):
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
@@ -43,8 +45,7 @@ def load_room(room: str, radius_m: float | None = None, start: Pose2 | None = No
             raise FloorPlanError(f"room {room}: the file is larger than {MAX_FILE_BYTES} bytes")
         text = content.decode()
     except FileNotFoundError:
-        names = ", ".join(shipped_rooms())
-        raise FloorPlanError(f"no room {room!r}: give a file or one of {names}") from None
+        raise _no_room(room) from None
     except OSError as error:
         raise FloorPlanError(f"cannot read room {room}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -55,5 +56,9 @@ def load_room(room: str, radius_m: float | None = None, start: Pose2 | None = No
         return parse_floorplan(text, default_name=path.stem, radius_m=radius_m, start=start)
     except FloorPlanError as error:
         raise FloorPlanError(*error.problems, source=f"room {room}") from None
-    except (ValueError, OverflowError) as error:  # a number of thousands of digits
-        raise FloorPlanError(f"room {room}: {error}") from None
+    except (ValueError, OverflowError):  # Python limits the digits of an integer
+        raise FloorPlanError(f"room {room}: a number has too many digits") from None
+
+
+def _no_room(room: str) -> FloorPlanError:
+    return FloorPlanError(f"no room {room!r}: give a file or one of {', '.join(shipped_rooms())}")

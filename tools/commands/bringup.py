@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,14 +10,18 @@ import click
 from tools.bringup.session import clear_stop_option, log_options
 from tools.cli import options
 from tools.cli.console import inform_lines, write_json, write_line
+from tools.cli.paths import PathName
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import WheelStep
     from tools.bringup.session import BringupLog
 
 _STEPS = ("first-power", "supply", "rest", "motors", "axes", "sensors", "control")
+"""``bridge.bringup.procedure.STEPS``, repeated because that module is imported only by a run."""
 
 
 @click.command("bringup", epilog="Example:  sweepctl bringup /dev/ttyUSB0 --step motors")
@@ -32,7 +35,7 @@ _STEPS = ("first-power", "supply", "rest", "motors", "axes", "sensors", "control
 )
 @click.option(
     "--plot",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a plot of the wheels' step response (.png, .svg or .pdf; needs the extra `plot`).",
 )
 @clear_stop_option
@@ -69,33 +72,36 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from tools.bringup.session import Terminal, bringup_session
 
+    steps = steps or USUAL_STEPS
+    if plot is not None and "control" not in steps:
+        raise click.UsageError("--plot needs the step control, which measures what it shows")
     model, text = load_robot(robot)
     if plot is not None:
         _check_plot(plot)
     with bringup_session(port, log, model, text) as session:
-        bench = BringUp(session, Terminal(session), model, clear_stop=clear_stop)
-        bench.run(steps or USUAL_STEPS)
-    if bench.steps:
-        inform_lines(as_text(bench.steps))
+        bringup = BringUp(session, Terminal(session), model, clear_stop=clear_stop)
+        bringup.run(steps)
+    if bringup.steps:
+        inform_lines(as_text(bringup.steps))
         if plot is not None:
-            _draw(bench.steps, plot)
+            _draw(bringup.steps, plot)
     if as_json:
-        write_json(_account(bench, port.name))
+        write_json(_account(bringup, port.name))
     else:
-        wrong = [f for f in bench.findings if f.ok is False]
-        skipped = [f for f in bench.findings if f.ok is None]
+        wrong = [f for f in bringup.findings if f.ok is False]
+        skipped = [f for f in bringup.findings if f.ok is None]
         tail = f", {len(skipped)} skipped" if skipped else ""
-        write_line(f"{len(wrong)} of {len(bench.findings)} checks failed{tail}")
-    return 0 if bench.well else 1
+        write_line(f"{len(wrong)} of {len(bringup.findings)} checks failed{tail}")
+    return 0 if bringup.well else 1
 
 
-def _account(bench: BringUp, port: str) -> dict[str, Any]:
+def _account(bringup: BringUp, port: str) -> dict[str, Any]:
     return {
         "port": port,
-        "ok": bench.well,
+        "ok": bringup.well,
         "findings": [
             {"step": f.step, "ok": f.ok, "text": f.text, "advice": f.advice or None}
-            for f in bench.findings
+            for f in bringup.findings
         ],
         "wheel_steps": [
             {
@@ -108,7 +114,7 @@ def _account(bench: BringUp, port: str) -> dict[str, Any]:
                 "time_s": step.response.time_s,
                 "speed_m_s": step.response.value,
             }
-            for step in bench.steps
+            for step in bringup.steps
         ],
     }
 
@@ -130,10 +136,9 @@ def _check_plot(path: Path) -> None:
 
     if find_spec("matplotlib") is None:
         raise click.UsageError("--plot needs matplotlib: pip install 'sweepctl[plot]'")
-    from matplotlib.backend_bases import FigureCanvasBase
+    from bridge.view.report.drawing import blank
 
-    known = FigureCanvasBase.get_supported_filetypes()
-    if path.suffix[1:] not in known:
+    if path.suffix[1:] not in blank(1.0, 1.0).canvas.get_supported_filetypes():
         raise click.UsageError(f"--plot {path}: the name must end with .png, .svg or .pdf")
     force = click.get_current_context().params.get("force")  # --force covers the log and the plot
     check_outputs([path], [], force=bool(force))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,9 +11,12 @@ from tools.bringup.calibrating import writing_options
 from tools.bringup.session import clear_stop_option, log_options
 from tools.cli import options
 from tools.cli.console import write_json
+from tools.cli.paths import PathName
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from bridge.bringup.applying import Change
     from bridge.bringup.square import SquareResult
     from bridge.bringup.umbmark import Benchmark
@@ -153,7 +155,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
 )
 @click.option(
     "--truth",
-    type=click.Path(path_type=Path),
+    type=PathName(),
     metavar="SOCKET",
     help="Control socket of an emulator: read the true pose from it instead of asking for tape "
     "measurements.",

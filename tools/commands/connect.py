@@ -121,12 +121,14 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError(
             "give --plan (planner on the host) or --supervise (planner on the device), not both"
         )
-    if clear_stop and not moves:
-        raise click.UsageError("--clear-stop needs --plan or --supervise")
-    if rules and not moves:
-        raise click.UsageError("--supervise-rule needs --plan or --supervise")
-    if resume is not None and planner is None:
-        raise click.UsageError("--resume needs --plan")
+    for problem, holds in (
+        ("--clear-stop needs --plan or --supervise", clear_stop and not moves),
+        ("--supervise-rule needs --plan or --supervise", rules and not moves),
+        ("--onboard needs --supervise", onboard is not None and not supervise),
+        ("--resume needs --plan", resume is not None and planner is None),
+    ):
+        if holds:
+            raise click.UsageError(problem)
     recording = take_record_options(opening)
     check_unrecorded(
         no_record, out, recording, force=force, views=view or serve or foxglove is not None

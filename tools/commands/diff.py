@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tools.cli import options
 from tools.cli.console import inform, plain_console, write_json
 from tools.cli.log_file import LogPath
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class Limit(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
@@ -43,12 +46,12 @@ class Limit(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs 
 @click.argument("b", type=LogPath())
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a comparison with overlaid paths and curves: a page (.html) or a picture (.png).",
 )
 @click.option(
     "--min",
-    "least",
+    "minimum",
     type=Limit(),
     multiple=True,
     metavar="METRIC=DIFFERENCE",
@@ -57,7 +60,7 @@ class Limit(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs 
 )
 @click.option(
     "--max",
-    "most",
+    "maximum",
     type=Limit(),
     multiple=True,
     metavar="METRIC=DIFFERENCE",
@@ -70,8 +73,8 @@ def command(  # noqa: PLR0913 - one parameter for each option
     a: Path,
     b: Path,
     out: Path | None,
-    least: tuple[tuple[str, float], ...],
-    most: tuple[tuple[str, float], ...],
+    minimum: tuple[tuple[str, float], ...],
+    maximum: tuple[tuple[str, float], ...],
     force: bool,
     as_json: bool,
 ) -> int:
@@ -95,10 +98,10 @@ def command(  # noqa: PLR0913 - one parameter for each option
             runs = load_run(first), load_run(second)
             result, lines = compare(*runs), rows(*runs)
     difference = result["difference"]
-    for key, _ in (*least, *most):
+    for key, _ in (*minimum, *maximum):
         if key not in difference:
             raise click.UsageError(f"No metric {key!r}: the metrics are {', '.join(difference)}.")
-    found = violations(difference, dict(least), dict(most))
+    found = violations(difference, dict(minimum), dict(maximum))
     result["a"]["log"], result["b"]["log"] = str(a), str(b)
     if as_json:
         write_json({**result, "out": str(out) if out else None, "violations": found})

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from tools.cli import options
 from tools.cli.configuration import port_of
@@ -78,7 +79,7 @@ def command(  # noqa: PLR0913 - the options of a port
     if "://" not in target and not target.startswith("can:"):
         target = str(newest_if_named(Path(target)))
     path = Path(target)
-    _check(target, path, listen=listen, find_baud=find_baud)
+    _check(target, path, find_baud=find_baud)
     if is_file(path):
         from bridge.doctor.log_examination import examine_log
 
@@ -95,11 +96,11 @@ def command(  # noqa: PLR0913 - the options of a port
     import threading
 
     from bridge.doctor.port_examination import examine_port
-    from bridge.io.ports import open_port
+    from bridge.io.ports import latency_note, open_port
     from tools.cli.signals import until_signalled
 
     port = open_port(target, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
-    note = getattr(port, "latency_note", None)
+    note = latency_note(port)
     if not as_json:
         how = "listening" if listen else "examining (nothing moves)"
         inform(f"{target}: {how} for {duration_s:g} s; Ctrl-C ends it earlier")
@@ -111,7 +112,11 @@ def command(  # noqa: PLR0913 - the options of a port
     return _report(target, "port", examination, as_json=as_json, note=note)
 
 
-def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
+_OF_FILES = {"target", "as_json"}
+"""Parameters of the command that a file takes, too."""
+
+
+def _check(target: str, path: Path, *, find_baud: bool) -> None:
     """Check that the options are valid for the target.
 
     Raises:
@@ -121,9 +126,12 @@ def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
     """
     if is_folder(path):
         raise click.UsageError(f"{target} is a folder; give a log file or a port")
-    if is_file(path) and (listen or find_baud):
-        option = "--find-baud" if find_baud else "--listen"
-        raise click.UsageError(f"{option} needs a port, but {target} is a file")
+    if is_file(path):
+        context = click.get_current_context()
+        for param in context.command.params:
+            is_given = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
+            if is_given and param.name not in _OF_FILES:
+                raise click.UsageError(f"{param.opts[0]} needs a port, but {target} is a file")
     if find_baud and target.startswith("can:"):
         raise click.UsageError(f"--find-baud needs a serial port; for {target} give --bitrate")
     if find_baud and "://" in target and not target.startswith("rfc2217://"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     The run is recorded.
     """
     from bridge.config import load_robot
+    from bridge.io.gamepad import open_joystick
     from bridge.io.reopening import PortOptions
     from bridge.run.mission import Resume
     from tools.live.run import LiveOptions, run_live
@@ -66,6 +68,8 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     if gamepad is None and not Keyboard.possible():
         raise click.UsageError("drive needs a terminal with a keyboard, or --gamepad DEVICE")
+    if gamepad is not None:  # before the port is opened
+        os.close(open_joystick(gamepad))
     model, robot_toml = load_robot(robot)
     result = run_live(
         LiveOptions(

@@ -6,7 +6,6 @@ import secrets
 import signal
 from contextlib import ExitStack, suppress
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -14,10 +13,12 @@ import click
 from tools.cli import options
 from tools.cli.completion import complete_room
 from tools.cli.console import flush, inform, write_line
+from tools.cli.paths import PathName
 from tools.cli.signals import ending_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from sim_device.rigged import RiggedDevice
     from tools.virtual.wanted import Wanted
 
+_BITRATE = 500_000
+"""Default bit rate of the CAN bus, bit/s."""
 _LINKS = ("pty", "tcp", "slcan", "udpcan")
 _SERIAL = {"pty", "tcp"}
 _WITH = {
@@ -62,9 +65,7 @@ _WITH = {
 @click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
-    default=500_000,
-    show_default=True,
-    help="Bit rate of the CAN bus.",
+    help="With --link slcan or udpcan: bit rate of the CAN bus.  [default: 500000]",
 )
 @click.option(
     "--listen",
@@ -93,19 +94,19 @@ _WITH = {
 @click.option("--list-faults", is_flag=True, help="Explain each kind of fault and exit.")
 @click.option(
     "--control",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Unix socket to create, by which `sweepctl fault` controls faults during the run.",
 )
 @options.key_option
 @click.option(
     "--truth",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Log file for the true pose (/truth/pose, Unix time) and the faults (/events).",
 )
 @click.option("--force", is_flag=True, help="Replace the truth file if it exists.")
 @click.option(
     "--pty-link",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Symbolic link to the port to create.",
 )
 @click.option("--stats", is_flag=True, help="Print the timing accuracy at the end.")
@@ -119,7 +120,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     gdb: bool,
     baud: int | None,
     latency_ms: float | None,
-    bitrate: int,
+    bitrate: int | None,
     listen: tuple[str, int] | None,
     lan: bool,
     seed: int,
@@ -152,7 +153,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from protocol.can.link import CanLink
     from protocol.uart.link import Link
     from sim_device.core.chip import FirmwareCrashError
-    from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
+    from sim_device.ports import ControlServer, PortUnavailableError, ServeCallbacks, Stopper, serve
     from tools.cli.keyfile import read_key
     from tools.cli.rooms import load_room
     from tools.virtual import core_target, qemu_target
@@ -160,7 +161,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     qemu_target.check(target, link)
     core_target.check(target, firmware, gdb=gdb)
-    _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
+    _check(link, baud, bitrate, listen, pty_link, truth, lan=lan, force=force, as_json=as_json)
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m, start)
     stopper = Stopper()
@@ -180,13 +181,17 @@ def command(  # noqa: PLR0913 - one parameter per option
                 local=link == "pty",
                 key=read_key(key_file),
             )
-            device, chip = _device(stack, target, wanted, firmware, gdb=gdb)
-            rig = options.rig(device, _line(link, baud, latency_ms, bitrate), fault, seed)
+            device, chip = _device(
+                stack, target, wanted, firmware, lambda: stopper.stopped, gdb=gdb
+            )
+            rig = options.rig(
+                device, _line(link, baud, latency_ms, bitrate or _BITRATE), fault, seed
+            )
             writer = None
             if truth is not None:
                 writer = _truth_writer(truth, (model, robot_toml), plan, seed, noise, force=force)
                 stack.callback(writer.close)
-            port = stack.enter_context(_port(link, pty_link, bitrate, listen, lan=lan))
+            port = stack.enter_context(_port(link, pty_link, bitrate or _BITRATE, listen, lan=lan))
             server = None
             if control is not None:
                 server = ControlServer(control)
@@ -197,13 +202,13 @@ def command(  # noqa: PLR0913 - one parameter per option
                 f"virtual sweeper{_WITH[target]}, node {node}, in "
                 f"{plan.name} ({noise} noise, seed {seed}, {link}); press Ctrl-C to end"
             )
-            watchers = Watchers(
+            callbacks = ServeCallbacks(
                 on_truth=_recording(writer) if writer else None,
                 on_fault=_on_fault(writer),
                 on_plug=_on_plug,
             )
             _warn(plan, model, link, listen, lan=lan, keyed=key_file is not None)
-            report = serve(rig, port, stopper, watchers, server, waker=chip)
+            report = serve(rig, port, stopper, callbacks, server, waker=chip)
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
@@ -215,8 +220,14 @@ def command(  # noqa: PLR0913 - one parameter per option
     return 0
 
 
-def _device(
-    stack: ExitStack, target: str, wanted: Wanted, firmware: Path | None, *, gdb: bool
+def _device(  # noqa: PLR0913 - how the device is made
+    stack: ExitStack,
+    target: str,
+    wanted: Wanted,
+    firmware: Path | None,
+    ended: Callable[[], bool],
+    *,
+    gdb: bool,
 ) -> tuple[RiggedDevice, QemuSweeper | None]:
     """Return the device, which runs until ``stack`` is closed, and the chip in QEMU or None."""
     from tools.virtual import core_target, qemu_target
@@ -226,19 +237,22 @@ def _device(
         chip = qemu_target.device(stack, wanted, firmware, _notify)
         return chip, chip
     if target == "core":
-        core = core_target.device(wanted, firmware, _notify, gdb=gdb)
+        core = core_target.device(wanted, firmware, _notify, ended, gdb=gdb)
         stack.callback(core.close)
         return core, None
     return python_sweeper(wanted), None
 
 
-def _check(  # noqa: PLR0913 - the options that exclude each other
+def _check(  # noqa: PLR0913, PLR0917 - the options that exclude each other
     link: str,
     baud: int | None,
+    bitrate: int | None,
     listen: tuple[str, int] | None,
     pty_link: Path | None,
+    truth: Path | None,
     *,
     lan: bool,
+    force: bool,
     as_json: bool,
 ) -> None:
     if lan and link not in {"udpcan", "tcp"}:
@@ -251,6 +265,10 @@ def _check(  # noqa: PLR0913 - the options that exclude each other
         raise click.UsageError("--pty-link needs --link pty or slcan")
     if baud is not None and link not in _SERIAL:
         raise click.UsageError("--baud needs --link pty or tcp; for a CAN bus give --bitrate")
+    if bitrate is not None and link in _SERIAL:
+        raise click.UsageError("--bitrate needs --link slcan or udpcan; otherwise give --baud")
+    if force and truth is None:
+        raise click.UsageError("--force needs --truth: no other file is replaced")
     if as_json:
         raise click.UsageError("--json needs --list-faults")
 

@@ -11,7 +11,9 @@ from click.core import ParameterSource
 
 from tools.cli import options
 from tools.cli.completion import complete_robots, complete_rooms
+from tools.cli.configuration import NOISE_LEVELS
 from tools.cli.console import inform, print_error
+from tools.cli.paths import PathName
 from tools.cli.planners import PLANNERS, PlannerList
 
 if TYPE_CHECKING:
@@ -84,7 +86,7 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
 @click.option(
     "--noise",
     "levels",
-    callback=_listed(options.NOISE_LEVELS),
+    callback=_listed(NOISE_LEVELS),
     default="typical",
     show_default=True,
     help="Noise levels, separated by commas; limits also runs the level perfect.",
@@ -107,7 +109,7 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
 )
 @click.option(
     "--against",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    type=PathName(exists=True, file_okay=False),
     metavar="FOLDER",
     help="Compare run by run with the results of compare in FOLDER, made by another version of the "
     "code.",
@@ -147,7 +149,7 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
 )
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=PathName(file_okay=False),
     default=Path("runs/experiment"),
     show_default=True,
     help="Folder for results; runs that it already contains are not repeated.",

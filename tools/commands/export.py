@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,9 +10,11 @@ from tools.cli import options
 from tools.cli.console import inform, print_error, write_json, write_line
 from tools.cli.log_file import LogPath
 from tools.cli.parallel_options import in_order, parallel_options, pool_of
+from tools.cli.paths import PathName
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from tools.cli.exporting import ExportJob
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     required=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    type=PathName(file_okay=False),
     help="Folder for the tables, one for each topic: /device/imu becomes device.imu.parquet. Of "
     "several logs each has a folder in it.",
 )

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tools.cli.completion import complete_fault
 from tools.cli.console import write_json, write_line
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command(
     "fault",
     epilog="Example:  sweepctl fault /tmp/sweeper.ctl silence:0.5 wheel-stuck:3:side=left",
 )
-@click.argument("control", type=click.Path(path_type=Path))
+@click.argument("control", type=PathName())
 @click.argument("specs", nargs=-1, metavar="[SPEC]...", shell_complete=complete_fault)
 @click.option(
     "--clear",

@@ -11,6 +11,7 @@ from tools.cli import options, planners
 from tools.cli.completion import complete_robot, complete_room
 from tools.cli.configuration import robots_of
 from tools.cli.on_event import on_option
+from tools.cli.paths import PathName
 from tools.cli.port_options import complete_port
 
 if TYPE_CHECKING:
@@ -44,14 +45,14 @@ _PORT_OPTIONS = ("baud", "bitrate")
 )
 @click.option(
     "--robot",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     shell_complete=complete_robot,
     help="Robot file (TOML) for robots without one in the configuration file.",
 )
 @on_option
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=PathName(file_okay=False),
     help="Folder for the logs, NAME.mcap each.  [default: runs/<UTC>-<NAME>.mcap]",
 )
 @options.json_option
@@ -174,6 +175,7 @@ def _unique(log: Path, taken: Sequence[Path]) -> Path:
 
 def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) -> int:
     from tools.cli.console import inform, is_drawable, print_error, write_json
+    from tools.cli.interrupt import set_done
     from tools.cli.signals import until_signalled
     from tools.cli.visible_text import one_line
     from tools.fleet.dashboard import FleetDashboard
@@ -199,6 +201,7 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
                 board.stop()
     if as_json:
         write_json(fleet.to_dict())
+        set_done()
     for member in fleet.members:
         ended = member.ended
         if ended is None or (board is None and one_line(ended.reason) == member.last_error):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
@@ -13,6 +12,10 @@ from protocol.generate import GENERATORS, PER_NODE
 from protocol.imu import NOMINAL, ImuScale
 from tools.cli.console import print_error, write_line
 from tools.cli.outputs import check_outputs
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
@@ -39,6 +42,8 @@ class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the
             name = self._KEYS.get(key.strip())
             if name is None:
                 self.fail(f"{key.strip()!r} is none of {', '.join(self._KEYS)}", param, ctx)
+            if name in changes:
+                self.fail(f"{key.strip()} is given twice: give one value", param, ctx)
             try:
                 number = Fraction(text.strip())
             except (ValueError, ZeroDivisionError):
@@ -53,7 +58,7 @@ class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the
 @click.argument("what", type=click.Choice(list(GENERATORS)))
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=PathName(file_okay=False),
     required=True,
     help="Output folder; created if it does not exist.",
 )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tools.cli import options
 from tools.cli.console import inform, write_json
 from tools.cli.interrupt import set_done
+from tools.cli.paths import PathName
 from tools.cli.port_options import port_argument
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command("key", epilog="Example:  sweepctl key /dev/ttyUSB0 --set robot.key")
@@ -18,7 +21,7 @@ from tools.cli.port_options import port_argument
 @click.option(
     "--set",
     "new",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a new random key to this file and to the robot.",
 )
 @click.option("--clear", is_flag=True, help="Remove the key: everyone can drive the robot again.")

@@ -106,6 +106,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.BadParameter(str(error), param_hint="'[TYPE]...'") from None
     if handshake and (types or raw):
         raise click.UsageError("--handshake shows the device's state: omit TYPE and --raw")
+    if robot is not None and not handshake:
+        raise click.UsageError("--robot needs --handshake: the messages need no robot file")
     looker = _Looker(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
     if has_owner(port.name):
         _check_followed(port, types, raw=raw)
@@ -117,6 +119,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         _listen(port, monitor, view, duration_s)
         if as_json:
             write_json(_account(monitor, port.name))
+            set_done()
         else:
             view.sum_up(monitor)
     return 0
@@ -258,7 +261,6 @@ class _Looker:
                 self._draw(robot.look, events, facts, _states(robot))
             else:
                 self._print(_states(robot), "state")
-        set_done()
 
     @property
     def _draws(self) -> bool:
@@ -294,6 +296,7 @@ class _Looker:
             flush()
         if self._as_json:
             write_json({"port": self._port, key: newest})
+            set_done()
 
     def _until_end(self, states: Iterator[S]) -> Iterator[S]:
         """Yield states until a signal arrives or the time is over."""

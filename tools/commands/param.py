@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,16 +12,36 @@ from tools.cli.completion import complete_parameter, complete_robot
 from tools.cli.configuration import RobotsOwnFile
 from tools.cli.console import inform, plain_console, write_json, write_line
 from tools.cli.interrupt import set_done
+from tools.cli.paths import PathName
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
-    from bridge.api.remote import Reached
+    from bridge.api.remote import ReachableRobot
     from bridge.session.parameters import Parameter
 
 _WIDEST = 2000
 """Width at which a table is laid out, characters: more than any table needs."""
+
+
+class ValuesCommand(click.Command):
+    """Command whose arguments may be negative numbers, which are no options."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the words. An unknown option is an error."""
+        self.make_parser(ctx).parse_args(["0" if _is_negative(word) else word for word in args])
+        ctx.ignore_unknown_options = True  # only negative numbers are left
+        return super().parse_args(ctx, args)
+
+
+def _is_negative(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return word.startswith("-")
 
 
 @click.group(
@@ -71,7 +90,11 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
     return 0
 
 
-@command.command("set", epilog="Example:  sweepctl param set /dev/ttyUSB0 wheel_base 0.2312 --save")
+@command.command(
+    "set",
+    cls=ValuesCommand,
+    epilog="Example:  sweepctl param set /dev/ttyUSB0 wheel_base 0.2312 --save",
+)
 @keyed_port_options
 @click.argument(
     "pairs", nargs=-1, required=True, metavar="NAME VALUE...", shell_complete=complete_parameter
@@ -88,6 +111,9 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
     with _reach(port) as robot:
         names = pairs[::2]
         before = [robot.get_parameter(_name(name)) for name in names]
+        for at, parameter in enumerate(before):
+            if parameter in before[:at]:
+                raise click.UsageError(f"{parameter.name} is given twice: give one value")
         for parameter, value in zip(before, pairs[1::2], strict=True):
             parameter.raw(value)  # check all values before the first one is changed
         _change(robot, before, pairs[1::2], save=save, as_json=as_json)
@@ -147,7 +173,7 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
     "file",
     cls=RobotsOwnFile,
     required=False,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     shell_complete=complete_robot,
 )
 @options.json_option
@@ -177,14 +203,14 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
 # ---- shared -----------------------------------------------------------------------------
 
 
-def _reach(port: PortAsked) -> Reached:
+def _reach(port: PortAsked) -> ReachableRobot:
     from bridge.api.remote import reach
 
     return reach(port.name, node=port.node, key=port.key, **port.how)
 
 
 def _change(
-    robot: Reached,
+    robot: ReachableRobot,
     before: Sequence[Parameter],
     values: Sequence[float | str],
     *,

@@ -53,6 +53,8 @@ def command(
     first.
     """
     if udev_rule:
+        if as_json:
+            raise click.UsageError("--udev-rule prints a file for udev: omit --json")
         rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")
         write_lines(rule)
         return 0

@@ -12,7 +12,7 @@ from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
-    from bridge.api.remote import Reached
+    from bridge.api.remote import ReachableRobot
 
 BACK_S = 15.0
 """Maximum time for a boot and its handshake, s. The session retries every 1 s."""
@@ -50,7 +50,7 @@ def command(*, port: PortAsked, as_json: bool) -> int:
     return 0
 
 
-def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any]:
+def _awaited(port: str, robot: ReachableRobot, before: dict[str, Any]) -> dict[str, Any]:
     """Wait for the device and return its description after the boot.
 
     Raises:
@@ -70,7 +70,7 @@ def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any
     return after
 
 
-def _at_rest(port: str, robot: Reached) -> dict[str, Any]:
+def _at_rest(port: str, robot: ReachableRobot) -> dict[str, Any]:
     """Return the device's description before the reboot.
 
     Raises:
@@ -93,7 +93,7 @@ def _at_rest(port: str, robot: Reached) -> dict[str, Any]:
     return device
 
 
-def _back(robot: Reached, before: dict[str, Any]) -> dict[str, Any] | None:
+def _back(robot: ReachableRobot, before: dict[str, Any]) -> dict[str, Any] | None:
     """Return the device's description if it has booted since ``before``; else None."""
     known = robot.snapshot()
     device: dict[str, Any] | None = known["device"]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tools.cli import options
 from tools.cli.console import inform, write_json
 from tools.cli.log_file import LogPath
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
@@ -16,7 +20,7 @@ from tools.cli.log_file import LogPath
 @click.option(
     "--out",
     required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="File to write; FILE itself is never changed.",
 )
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +10,10 @@ from tools.cli import options
 from tools.cli.console import flush, inform, write_line
 from tools.cli.foxglove import foxglove_option
 from tools.cli.log_file import LogPath
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command(
@@ -19,7 +23,7 @@ from tools.cli.log_file import LogPath
 @click.argument("file", type=LogPath())
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=options.Number(0.01, 1000.0),
     metavar="FACTOR",
     help="Playback speed in the viewer or in Foxglove.  [default: 1]",
 )
@@ -47,7 +51,7 @@ from tools.cli.log_file import LogPath
 )
 @click.option(
     "--pty-link",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Symbolic link to the port to create.",
 )
 @click.option(
@@ -94,6 +98,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             return _check(log, as_json=as_json)
         if link is not None:
             return _serve(log, pty_link)
+        _check_start(log, start_s)
         if foxglove is not None:
             return _foxglove(log, foxglove, speed or 1.0, (start_s, end_s))
         return _view(log, speed or 1.0, (start_s, end_s), serve=serve)
@@ -119,6 +124,19 @@ def _check_usage(
         )
     if as_json and not check:
         raise click.UsageError("--json needs --check")
+
+
+def _check_start(log: Path, start_s: float) -> None:
+    """Check that the log has a message after the start.
+
+    Raises:
+        click.UsageError: it has none.
+
+    """
+    from bridge.record.info import describe
+
+    if start_s and start_s > (length_s := describe(log).duration_s):
+        raise click.UsageError(f"--from {start_s:g} is after the end: the log has {length_s:.1f} s")
 
 
 def _check(log: Path, *, as_json: bool) -> int:

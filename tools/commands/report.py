@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tools.cli import options
 from tools.cli.console import inform, write_json
 from tools.cli.log_file import LogPath
-from tools.cli.paths import is_there
+from tools.cli.paths import PathName, is_there
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command(
@@ -18,13 +21,11 @@ from tools.cli.paths import is_there
 @click.argument("file", type=LogPath())
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Page to write.  [default: FILE with the suffix .html; not replaced if only --png is "
     "given]",
 )
-@click.option(
-    "--png", type=click.Path(dir_okay=False, path_type=Path), help="Also write a picture (.png)."
-)
+@click.option("--png", type=PathName(dir_okay=False), help="Also write a picture (.png).")
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @options.json_option
 def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_json: bool) -> int:

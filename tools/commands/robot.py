@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,8 +9,11 @@ import click
 from tools.cli import options
 from tools.cli.completion import complete_robot
 from tools.cli.console import inform, plain_console, write_json
+from tools.cli.paths import PathName
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.table import Table
 
     from bridge.motion.robot_model import RobotModel
@@ -25,13 +27,11 @@ def command() -> None:
     """
 
 
-_file = click.argument(
-    "file", type=click.Path(dir_okay=False, path_type=Path), shell_complete=complete_robot
-)
+_file = click.argument("file", type=PathName(dir_okay=False), shell_complete=complete_robot)
 
 
 @command.command("new", epilog="Example:  sweepctl robot new my-robot.toml")
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("file", type=PathName(dir_okay=False))
 @click.option("--force", is_flag=True, help="Replace the file if it exists.")
 def new(*, file: Path, force: bool) -> int:
     """Write a robot file with each key, its default, unit, range and meaning."""
@@ -67,7 +67,7 @@ def check(*, file: Path, as_json: bool) -> int:
 @_file
 @click.option(
     "--png",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Also draw the robot: footprint, mouth, wheels, sensors with their cones, and where no "
     "sensor measures what touches the hull (.png).",
 )

@@ -10,6 +10,7 @@ import click
 from tools.cli import options
 from tools.cli.completion import complete_room
 from tools.cli.console import inform, plain_console, write_json
+from tools.cli.paths import PathName
 
 if TYPE_CHECKING:
     from bridge.evaluation.room_facts import RoomFacts
@@ -78,7 +79,7 @@ _MAX_PIECES = 5
 @options.start_option
 @click.option(
     "--png",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Also draw the room: free, reachable and sweepable floor, obstacles, carpets, thresholds "
     "and cliffs (.png).",
 )
@@ -162,10 +163,10 @@ def _print_rows(rows: list[tuple[str, str]]) -> None:
 @command.command(
     "import", epilog="Example:  sweepctl room import map.yaml --out flat.json --start 1.5,0.4,90"
 )
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("file", type=PathName(dir_okay=False))
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     required=True,
     help="Room file to write (.json).",
 )

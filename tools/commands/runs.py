@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,9 +14,11 @@ from tools.cli import options
 from tools.cli.console import err, inform, write_json, write_line
 from tools.cli.log_file import LogPath
 from tools.cli.parallel_options import in_order, parallel_options, pool_of
+from tools.cli.paths import PathName, is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from bridge.library.index import LogReaders, ReadLog
     from bridge.library.library import Run
@@ -122,7 +125,7 @@ def _selecting(f: Callable[..., object]) -> Callable[..., object]:
             "folders",
             nargs=-1,
             metavar="[DIR]...",
-            type=click.Path(path_type=Path, exists=True, file_okay=False),
+            type=PathName(exists=True, file_okay=False),
         ),
     ):
         f = add(f)
@@ -198,6 +201,7 @@ def _tag(*, file: Path, tags: tuple[str, ...], remove: bool, as_json: bool) -> i
 
     if remove and not tags:
         raise click.UsageError("--remove needs the tags to remove")
+    _check_there(file)
     marks = mark_run(file, remove=tags) if remove else mark_run(file, add=tags)
     return _print_marks(file, marks.tags, marks.note, as_json=as_json)
 
@@ -213,8 +217,22 @@ def _note(*, file: Path, text: str | None, as_json: bool) -> int:
     """
     from bridge.library.library import mark_run
 
+    _check_there(file)
     marks = mark_run(file, note=text)
     return _print_marks(file, marks.tags, marks.note, as_json=as_json)
+
+
+def _check_there(file: Path) -> None:
+    """Check that a log exists.
+
+    Raises:
+        LogReadError: it does not exist.
+
+    """
+    from bridge.record.errors import LogReadError
+
+    if not is_there(file):
+        raise LogReadError(file, os.strerror(errno.ENOENT))
 
 
 def _print_marks(file: Path, tags: tuple[str, ...], note: str | None, *, as_json: bool) -> int:
@@ -239,7 +257,7 @@ def _print_marks(file: Path, tags: tuple[str, ...], note: str | None, *, as_json
 )
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a page (.html) or a picture (.png).",
 )
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
@@ -298,7 +316,7 @@ def _compare(  # noqa: PLR0913 - one parameter per option
 @click.option(
     "--out",
     required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Page (.html) or picture (.png) to write.",
 )
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
@@ -353,7 +371,7 @@ def _heatmap(  # noqa: PLR0913 - one parameter per option
     "folders",
     nargs=-1,
     metavar="[DIR]...",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    type=PathName(exists=True, file_okay=False),
 )
 @parallel_options
 @options.json_option
@@ -383,9 +401,9 @@ def _index(
         inform(f"{path}: {reason}")
     if as_json:
         write_json({"read": read_count, "runs": len(runs), "unreadable": len(library.unreadable)})
-    else:
+    elif not library.unstored:
         inform(f"{read_count} logs read; the index has {len(runs)} runs")
-    return 0
+    return 1 if library.unstored else 0
 
 
 # ---- shared -----------------------------------------------------------------------------
@@ -460,24 +478,21 @@ _HEAD = (
 
 
 def _cells(run: Run) -> tuple[str, ...]:
+    from bridge.library.columns import number_cell
+
     row = run.values
-
-    def shown(column: str, form: str, factor: float = 1.0) -> str:
-        value = row[column]
-        return "-" if value is None else form.format(value * factor)
-
     return (
         (row["date"] or "-").replace("T", " ").removesuffix("Z"),
         row["room"] or "-",
         row["planner"] or "-",
-        shown("seed", "{:.0f}"),
+        number_cell(row, "seed", "{:.0f}"),
         row["outcome"] or ("no end" if not row["whole"] else "-"),
-        shown("coverage", "{:.2f} %", 100.0),
-        shown("duration_s", "{:.0f} s"),
-        shown("path_m", "{:.1f} m"),
-        shown("collisions", "{:.0f}"),
-        shown("supervision", "{:.0f}"),
-        shown("lost", "{:.0f}"),
+        number_cell(row, "coverage", "{:.2f} %", 100.0),
+        number_cell(row, "duration_s", "{:.0f} s"),
+        number_cell(row, "path_m", "{:.1f} m"),
+        number_cell(row, "collisions", "{:.0f}"),
+        number_cell(row, "supervision", "{:.0f}"),
+        number_cell(row, "lost", "{:.0f}"),
         row["tags"].strip() or "-",
         row["log"],
     )

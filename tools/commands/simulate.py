@@ -82,7 +82,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=options.Number(0.01, 1000.0),
     metavar="FACTOR",
     help="Simulated seconds for each second, for people who watch.  [default: no limit]",
 )
@@ -160,7 +160,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     facts = {"port": VIRTUAL_PORT, "log": str(path)}
     parameters = run_parameters(robot_toml, planner=planner, seed=seed, noise=noise)
     with (
-        core_target.running(target, wanted, firmware, inform, gdb=gdb) as device,
+        _interruptible() as ended,  # a signal must not interrupt log and summary either
+        core_target.running(target, wanted, firmware, inform, ended, gdb=gdb) as device,
         live_foxglove(foxglove, parameters) as publisher,
         contextlib.closing(RunWriter(path, info, force=force, tap=publisher)) as writer,
     ):
@@ -168,10 +169,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             inform(line)
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)
-        with (
-            _interruptible() as ended,  # a signal must not interrupt the summary either
-            EventCommands(on_events, facts, print_error) as commands,
-        ):
+        with EventCommands(on_events, facts, print_error) as commands:
             notices = NoticeSink(writer, model, load_supervise(robot).battery, commands.notify)
             sink: Sink = notices if on_events else writer
             with _progress(max_time_s) as progress:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tools.cli.console import inform
 from tools.cli.log_file import LogPath
+from tools.cli.paths import PathName
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
 @click.argument("file", type=LogPath())
 @click.option(
     "--save",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a Rerun recording (.rrd).",
 )
 @click.option(
     "--png",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a picture of room, path and swept floor (.png).",
 )
 @click.option(
     "--screenshot",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=PathName(dir_okay=False),
     help="Write a picture of the Rerun window (.png); needs no display.",
 )
 @click.option(

@@ -58,6 +58,10 @@ MODEL = RobotModel()
 _DPI = 90
 _SHORT_M = 0.05
 """Minimum length of a drawn piece of the path, m."""
+_MARGIN_M = 0.06
+"""Margin around a drawn room, m."""
+_TOP_M_S = 0.3
+"""Upper end of the speed's colour scale, m/s."""
 _GREY, _BLUE, _GREEN, _ORANGE, _RED = "#8a919c", "#1f4e79", "#2a8c63", "#d9822b", "#b03a48"
 _VIOLET, _SWEPT, _FORBIDDEN = "#7a4ea3", "#d9efe5", "#f3c9a0"
 _ROBOT: dict[str, Any] = {"fill": False, "ec": "#30343b", "lw": 1.2, "zorder": 7}
@@ -121,7 +125,7 @@ class PicturedRun:
         if not self.map_span_s[0] <= t_s <= self.map_span_s[1]:
             return
         if isinstance(self.planner, RecoveryPlanner):
-            memory = self.planner.context.map
+            memory = self.planner.context.evidence_map
             (left, bottom), (rows, columns) = memory.to_metres(0, 0), memory.shape
             right, top = memory.to_metres(columns, rows)
             forbidden, _ = memory.places()
@@ -202,13 +206,11 @@ def recovery_run(room: str, noise: str = "typical", seed: int = 1) -> PicturedRu
     return _simulate(load_room(room, MODEL.radius_m), RecoveryPlanner(MODEL), noise, seed)
 
 
-def legs_run(
-    legs: Sequence[Leg], room: str = "empty", start: Pose2 | None = None, noise: str = "typical"
-) -> PicturedRun:
-    """Return a run of these legs in a shipped room, from its start pose or another pose."""
-    plan = load_room(room, MODEL.radius_m)
+def legs_run(legs: Sequence[Leg], start: Pose2 | None = None) -> PicturedRun:
+    """Return a run of these legs in the room ``empty``, from its start pose or another pose."""
+    plan = load_room("empty", MODEL.radius_m)
     plan = plan if start is None else replace(plan, start=start)
-    return _simulate(plan, _Legs(legs), noise, 1)
+    return _simulate(plan, _Legs(legs), "typical", 1)
 
 
 # ---- drawing ------------------------------------------------------------------------------
@@ -226,12 +228,12 @@ def _true_at(run: PicturedRun, t_s: float) -> Pose2:
     return min(run.truth, key=lambda entry: abs(entry[0] - t_s))[1]
 
 
-def _floor(axes: Axes, plan: FloorPlan, margin_m: float = 0.06) -> None:
+def _floor(axes: Axes, plan: FloorPlan) -> None:
     draw_plan(axes, plan, obstacles="#c9ced6")
     floor_axes(axes)
     x0, y0, x1, y1 = plan.bounds()
-    axes.set_xlim(x0 - margin_m, x1 + margin_m)
-    axes.set_ylim(y0 - margin_m, y1 + margin_m)
+    axes.set_xlim(x0 - _MARGIN_M, x1 + _MARGIN_M)
+    axes.set_ylim(y0 - _MARGIN_M, y1 + _MARGIN_M)
 
 
 def _swept(axes: Axes, run: PicturedRun, end_s: float) -> None:
@@ -634,7 +636,7 @@ def control_turn() -> Figure:
     return figure
 
 
-def _coloured(axes: Axes, samples: Sequence[Sample], *, top_m_s: float = 0.3) -> Any:  # noqa: ANN401 - matplotlib's
+def _coloured(axes: Axes, samples: Sequence[Sample]) -> Any:  # noqa: ANN401 - matplotlib's
     """Draw the path, coloured by the speed."""
     from matplotlib.collections import LineCollection
 
@@ -643,7 +645,7 @@ def _coloured(axes: Axes, samples: Sequence[Sample], *, top_m_s: float = 0.3) ->
     lines = LineCollection(
         list(np.stack([points[:-1], points[1:]], axis=1)),
         cmap="viridis",
-        norm=_norm(top_m_s),
+        norm=_norm(),
         lw=2.4,
         zorder=5,
     )
@@ -652,10 +654,10 @@ def _coloured(axes: Axes, samples: Sequence[Sample], *, top_m_s: float = 0.3) ->
     return lines
 
 
-def _norm(top_m_s: float) -> Any:  # noqa: ANN401 - matplotlib's
+def _norm() -> Any:  # noqa: ANN401 - matplotlib's
     from matplotlib.colors import Normalize
 
-    return Normalize(0.0, top_m_s)
+    return Normalize(0.0, _TOP_M_S)
 
 
 def control_follow() -> Figure:

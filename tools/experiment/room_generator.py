@@ -120,10 +120,8 @@ def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon], clear_m:
     raise ValueError("no free place for the robot in this room")
 
 
-def _box_corners(
-    rng: RandomSource, min_m: float = 1.8, max_m: float = 4.5
-) -> tuple[float, float, Polygon]:
-    width, depth = round(rng.uniform(min_m, max_m), 3), round(rng.uniform(min_m, max_m), 3)
+def _box_corners(rng: RandomSource, min_m: float = 1.8) -> tuple[float, float, Polygon]:
+    width, depth = round(rng.uniform(min_m, 4.5), 3), round(rng.uniform(min_m, 4.5), 3)
     return width, depth, rectangle(0.0, 0.0, width, depth)
 
 

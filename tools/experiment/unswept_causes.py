@@ -41,7 +41,7 @@ def split_loss(observed: Observed, planner: Planner) -> dict[str, float]:
     estimated = np.isfinite(meter.measure(observed.estimate).first_swept_s)
     forbidden = None
     if isinstance(planner, RecoveryPlanner):
-        forbidden = forbidden_axle(planner.context.map, meter.regions.raster)
+        forbidden = forbidden_axle(planner.context.evidence_map, meter.regions.raster)
     end = observed.estimate[-1][1:3] if observed.estimate else (0.0, 0.0)
     width_m = observed.model.cleaning_width_m
     return classify(meter.regions, width_m, swept, estimated, forbidden, end)

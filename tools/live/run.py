@@ -31,10 +31,10 @@ from bridge.record.sink import NullSink
 from bridge.run.build import build_run
 from bridge.run.dead_man_switch import DeadManSwitch
 from bridge.run.ending import Ending, described
+from bridge.run.log_failure import LogFailureRule
 from bridge.run.manual import Operator
 from bridge.run.notices import NoticeSink
 from bridge.run.options import HostOptions
-from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, RunInfo, Severity
@@ -176,9 +176,21 @@ def run_live(asked: LiveOptions) -> LiveResult:
 
 def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
     """Run; ``publisher`` gets the chunks of the log."""
-    operator = _operator(asked)
     opener = Opener(asked.port, asked.opening)
     opened = opener()
+    with _ending_signals() as signals:  # a signal must not interrupt log and summary
+        return _run_on(asked, publisher, opener, opened, signals)
+
+
+def _run_on(
+    asked: LiveOptions,
+    publisher: FoxglovePublisher | None,
+    opener: Opener,
+    opened: BytePort,
+    signals: _EndingSignals,
+) -> LiveResult:
+    """Run on an open port until a signal or another event ends the run."""
+    operator = _operator(asked)
     replaced = ReplacedLog(asked.log, force=asked.force)
     try:
         recorder, offset_ns = _recorder(asked, publisher)
@@ -235,13 +247,14 @@ def _run(asked: LiveOptions, publisher: FoxglovePublisher | None) -> LiveResult:
     )
     for source, text in cautions(asked.model, asked.plan):
         host.event(clock.now(), Severity.WARNING, source, EventKind.CAUTION, text)
+    signals.end_by(pump.request_end)
     operating = _operating(asked, pump, operator)
     facts.foxglove = "" if publisher is None else publisher.address
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     with commands:
         try:
-            with _endings(pump, operating, asked.gamepad):  # a signal must not end the summary
+            with _inputs(operating, asked.gamepad):
                 with (
                     live_view(asked.log, view=asked.view, serve=asked.serve) as facts.page,
                     _owner(asked, pump, opened, SharedPage(events, facts)),
@@ -406,32 +419,50 @@ def _result(
     return LiveResult(summary, status, complaints, host.hello is not None)
 
 
-@contextlib.contextmanager
-def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[None]:
-    """Handle signals, keys and gamepad during a run; a signal stops the robot and ends the run.
+class _EndingSignals:
+    """The signals that end a run; a signal before the start ends the run as it starts."""
 
-    Afterwards the signals are ignored, so that they do not interrupt log and summary.
-    """
+    def __init__(self) -> None:
+        self._first: Ending | None = None
+        self._end: Callable[[Ending], object] = lambda _ending: None
 
-    def interrupted(number: int, _frame: object) -> None:
+    def received(self, number: int, _frame: object) -> None:
+        """Handle a signal."""
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        pump.request_end(Ending("stopped", f"ended by {name}", 0))
+        self._first = self._first or Ending("stopped", f"ended by {name}", 0)
+        self._end(self._first)
 
-    numbers = ending_signals()
+    def end_by(self, end: Callable[[Ending], object]) -> None:
+        """Call ``end`` at a signal, also if the signal was received before this call."""
+        self._end = end
+        if self._first is not None:
+            end(self._first)
+
+
+@contextlib.contextmanager
+def _ending_signals() -> Iterator[_EndingSignals]:
+    """Make signals end the run instead of the process; afterwards the signals are ignored."""
+    signals, numbers = _EndingSignals(), ending_signals()
     for number in numbers:
-        signal.signal(number, interrupted)
+        signal.signal(number, signals.received)
     try:
-        with contextlib.ExitStack() as stack:
-            if gamepad is not None:
-                stack.enter_context(_gamepad(gamepad, operating))
-            on_key = operating.on_key if is_drawable() else _answered(operating)
-            # Without a dashboard the terminal gets no control sequences, so also no query.
-            keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
-            operating.dead_man_switch.releases = keyboard.releases
-            yield
+        yield signals
     finally:
         for number in numbers:
             signal.signal(number, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def _inputs(operating: Operating, gamepad: str | None) -> Iterator[None]:
+    """Handle keys and gamepad during a run."""
+    with contextlib.ExitStack() as stack:
+        if gamepad is not None:
+            stack.enter_context(_gamepad(gamepad, operating))
+        on_key = operating.on_key if is_drawable() else _answered(operating)
+        # Without a dashboard the terminal gets no control sequences, so also no query.
+        keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
+        operating.dead_man_switch.releases = keyboard.releases
+        yield
 
 
 def _answered(operating: Operating) -> Callable[[Key], None]:

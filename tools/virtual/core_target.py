@@ -44,6 +44,7 @@ def device(
     wanted: Wanted,
     firmware: Path | None,
     notify: Callable[[str], None],
+    ended: Callable[[], object],
     *,
     gdb: bool = False,
 ) -> CoreSweeper:
@@ -54,11 +55,13 @@ def device(
         firmware: shared library to run, in a separate process; None: the C core of sweepctl, in
             this process.
         notify: prints a message.
+        ended: returns a true value if a signal has ended the command.
         gdb: wait for a debugger before the first boot.
 
     Raises:
         click.BadParameter: ``firmware`` is no firmware library.
         BridgeError: the firmware crashed while it was loaded or booted.
+        KeyboardInterrupt: a signal ended the wait for the debugger.
 
     """
     from bridge.errors import BridgeError
@@ -66,7 +69,7 @@ def device(
 
     def started(pid: int) -> None:
         if gdb:
-            _await_debugger(notify, pid)
+            _await_debugger(notify, pid, ended)
 
     try:
         return make(wanted, firmware, started, debugged=gdb)
@@ -124,11 +127,12 @@ def make(
 
 
 @contextmanager
-def running(
+def running(  # noqa: PLR0913 - how the device is made
     target: str,
     wanted: Wanted,
     firmware: Path | None,
     notify: Callable[[str], None],
+    ended: Callable[[], object],
     *,
     gdb: bool,
 ) -> Iterator[CoreSweeper | None]:
@@ -136,7 +140,7 @@ def running(
     if target != "core":
         yield None
         return
-    with closing(device(wanted, firmware, notify, gdb=gdb)) as made:
+    with closing(device(wanted, firmware, notify, ended, gdb=gdb)) as made:
         yield made
 
 
@@ -149,10 +153,10 @@ def print_trace(error: Exception) -> None:
         inform(f"  {line}")
 
 
-def _await_debugger(notify: Callable[[str], None], pid: int) -> None:
+def _await_debugger(notify: Callable[[str], None], pid: int, ended: Callable[[], object]) -> None:
     """Print the command that attaches a debugger, and wait until a debugger has attached."""
     from sim_device.ports.core_process import await_debugger
 
     program = sys.executable
     notify(f"waiting for a debugger: gdb {program} {pid} -ex 'break firmware_boot' -ex continue")
-    await_debugger(pid)
+    await_debugger(pid, ended)

@@ -6,22 +6,20 @@ Each is part of a script.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from bridge.coverage.planner import Step
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, Dwell, Leg, LegResult, StopReason, Turn
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Part, Step
     from bridge.motion.robot_model import RobotModel
 
 Side = Literal["left", "right"]
 End = Literal["last_partial_lane", "blocked_step", "never"]
-
-Part = Generator[Leg, Step, LegResult]
-"""Part of a script. It returns the result of its main leg."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +42,7 @@ class LaneOptions:
     back_off_m: float = 0.015
     """Distance to back off after a contact, m. The next turn then does not graze the obstacle."""
     cliff_back_off_m: float = 0.05
+    """Distance to back off from a cliff, m."""
     short_step_m: float = 0.015
     """Maximum missing length with which a side step still counts as complete, m."""
     step_from: Literal["lane_line", "here"] = "lane_line"

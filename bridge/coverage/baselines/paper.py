@@ -173,7 +173,10 @@ class PaperPlanner(ScriptedPlanner):
         pose: Pose2,
         until_m: float,
     ) -> Generator[Leg, Step, Pose2]:
-        """Sweep lanes from the pose until the side step reaches ``until_m`` or is blocked twice."""
+        """Sweep lanes from the pose until the side step reaches ``until_m``.
+
+        A blocked side step ends it as ``LaneOptions.end`` defines.
+        """
         width = self.model.cleaning_width_m
         self._sweep.blocked_steps = 0
         while self._sweep.offset_m(pose) < until_m:

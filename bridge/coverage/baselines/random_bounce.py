@@ -32,8 +32,11 @@ class RandomOptions:
     min_turn_rad: float = math.radians(90.0)
     """Minimum turn, rad. Turns are uniform from this angle to 180°."""
     stop_range_m: float = 0.05
+    """Ultrasonic range that ends a drive, m."""
     back_off_m: float = 0.02
+    """Distance to back off after a contact, m."""
     cliff_back_off_m: float = 0.05
+    """Distance to back off from a cliff, m."""
 
 
 class RandomPlanner(ScriptedPlanner):

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 class UShapePlanner(ScriptedPlanner):
-    """Drives to a wall, steps aside by W and drives back. It ends when a side step is blocked."""
+    """Drives to a wall, steps aside by W and drives back.
+
+    It ends as ``LaneOptions.end`` defines.
+    """
 
     def __init__(self, model: RobotModel, options: LaneOptions | None = None) -> None:
         """Create the planner. The plan begins when ``start`` is called."""

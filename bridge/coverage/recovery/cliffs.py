@@ -81,7 +81,7 @@ class Cliffs:
         limit = radius_m * radius_m
         return any((x - x_m) ** 2 + (y - y_m) ** 2 < limit for x, y in self.rims)
 
-    def pace(self, pose: Pose2) -> float:
+    def speed_limit_m_s(self, pose: Pose2) -> float:
         """Return the maximum forward speed, m/s; infinite if no cliff is near."""
         near = self.beside(pose.x_m, pose.y_m, self._near_m)
         return self._options.cliff_m_s if near else math.inf

@@ -34,7 +34,7 @@ class RecoveryContext:
 
     model: RobotModel
     options: RecoveryOptions
-    map: EvidenceMap
+    evidence_map: EvidenceMap
     chooser: Chooser
     record: PlannerReports
     wall_segments: WallSegments
@@ -60,23 +60,25 @@ class RecoveryContext:
         motion: MotionTuning,
     ) -> RecoveryContext:
         """Begin a plan at the pose of ``obs`` with an empty map."""
-        evidence, segments = EvidenceMap(model, options, obs.pose), WallSegments(options)
+        evidence_map, segments = EvidenceMap(model, options, obs.pose), WallSegments(options)
         return cls(
             model,
             options,
-            evidence,
+            evidence_map,
             chooser,
             record,
             segments,
             OccludedRegions(options, model.cleaning_width_m),
-            ObservationMonitor(model, options, evidence, record, segments, obs=obs, motion=motion),
-            StuckPolicy(options, evidence, record),
+            ObservationMonitor(
+                model, options, evidence_map, record, segments, obs=obs, motion=motion
+            ),
+            StuckPolicy(options, evidence_map, record),
         )
 
     @property
     def geometry(self) -> PlannerGeometry:
         """The sizes of the robot."""
-        return self.map.geometry
+        return self.evidence_map.geometry
 
     @property
     def obs(self) -> Observation:

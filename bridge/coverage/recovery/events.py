@@ -56,7 +56,7 @@ def perimeter_ended(reason: StopReason, length_m: float) -> PlannerEvent:
     return PlannerEvent("perimeter-end", why, {"length_m": round(length_m, 2)})
 
 
-def obstacle_met(result: LegResult) -> PlannerEvent:
+def obstacle_found(result: LegResult) -> PlannerEvent:
     """Return the event for an obstacle that ended a leg."""
     x_m, y_m = round(result.pose.x_m, 3), round(result.pose.y_m, 3)
     reason = f"{result.leg.purpose} ended: {result.reason}"

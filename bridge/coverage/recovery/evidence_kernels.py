@@ -22,12 +22,11 @@ if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import Layer
 
 _SURE = cython.declare(cython.int, 2)
-_MOST = cython.declare(cython.int, 6)
+_MAX_EVIDENCE = cython.declare(cython.int, 6)
 SURE = _SURE
 """Minimum evidence of an occupied cell."""
-MOST = _MOST
-"""Maximum evidence that is stored. This number of beams through a cell makes the cell free
-again."""
+MAX_EVIDENCE = _MAX_EVIDENCE
+"""Maximum evidence that is stored. This number of beams removes all evidence of a cell."""
 
 
 @cython.cfunc
@@ -67,7 +66,7 @@ def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
     if row < 0 or row >= rows or col < 0 or col >= cols:
         return
     before: cython.int = int(wall[row, col])
-    after: cython.int = min(max(before + weight, 0), _MOST)
+    after: cython.int = min(max(before + weight, 0), _MAX_EVIDENCE)
     wall[row, col] = after
     step = 0
     if before < _SURE <= after:
@@ -157,7 +156,7 @@ def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
         for c in range(first, last):
             dx = c + 0.5 - x
             if wall[r, c] and dy * dy + dx * dx < limit:
-                add_wall(wall, inflated, r, c, -_MOST, reach)
+                add_wall(wall, inflated, r, c, -_MAX_EVIDENCE, reach)
 
 
 def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
@@ -253,7 +252,7 @@ def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
     return share / max(seen, 1)
 
 
-def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
+def speed_limit_m_s(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
     wall: Layer,
     x: cython.double,
     y: cython.double,
@@ -269,16 +268,19 @@ def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
 ) -> float:
     """Return the maximum forward speed (m/s) at which every contact is slower than ``touch``.
 
-    The robot brakes with ``decel`` after ``latency``. ``cell`` is the length of a cell's edge, m.
-    ``rim`` is the footprint's radius plus half a cell, m. Cells farther to the side than ``right``
-    or ``left`` (m) do not count.
+    The formula is that of :func:`bridge.motion.control.hidden_ahead.contact_speed`, for each
+    occupied cell. The robot brakes with ``decel`` after ``latency``. ``cell`` is the length of a
+    cell's edge, m. ``rim`` is the footprint's radius plus half a cell, m. Cells farther to the side
+    than ``right`` or ``left`` (m) do not count.
     """
     rows, cols = wall.shape[0], wall.shape[1]
     c, s = cos(th), sin(th)
-    push = decel * latency
-    most = fast
+    lag_speed = decel * latency
+    limit = fast
     # path in which the robot brakes from the top speed to the contact speed
-    far = (rim + ((push + fast) * (push + fast) - push * push) / (2.0 * decel)) / cell
+    far = (
+        rim + ((lag_speed + fast) * (lag_speed + fast) - lag_speed * lag_speed) / (2.0 * decel)
+    ) / cell
     top, bottom = _first(y - far), _last(y + far, rows)
     begin, end = _first(x - far), _last(x + far, cols)
     for row in range(top, bottom):
@@ -292,6 +294,6 @@ def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
             reach = sqrt(rim * rim - aside * aside)
             soft = touch * rim / reach
             path = max(ahead - reach, 0.0)
-            speed = sqrt((push + soft) * (push + soft) + 2.0 * decel * path) - push
-            most = min(most, max(speed, soft))
-    return most
+            speed = sqrt((lag_speed + soft) * (lag_speed + soft) + 2.0 * decel * path) - lag_speed
+            limit = min(limit, max(speed, soft))
+    return limit

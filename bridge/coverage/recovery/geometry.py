@@ -71,9 +71,9 @@ class PlannerGeometry:
     """Minimum distance of the axle from missing floor (0.22): half the wheel base, plus the maximum
     distance that a cliff can extend inwards between two sensors."""
     cliff_slow_m: float
-    """Distance between the rim and a cliff at which the speed limit begins (0.35)."""
+    """Distance of the axle from a cliff at which the speed limit begins (0.35)."""
     cliff_perimeter_m: float
-    """Minimum distance from a cliff at which a perimeter pass may begin (0.42)."""
+    """Minimum distance of the axle from a cliff at which a perimeter pass may begin (0.42)."""
 
     # -- the search ----------------------------------------------------------------------------
     lane_rows: int
@@ -242,7 +242,7 @@ class PlannerGeometry:
             hole_rate=_exact(options.hole_rate * full_rate),
             perimeter_cells=_exact(options.perimeter_length_m * 2.0 * half / cell_m),
             fruitful_cells=per_cell(options.fruitful_length_m * width_m),
-            path_costs=(*(round(10.0 * m / cell_m) for m in options.looks_m), 1 << 24),
+            path_costs=(*(round(10.0 * m / cell_m) for m in options.search_lengths_m), 1 << 24),
             near_cost=_exact(10.0 * options.near_radii * radius_m / cell_m),
             turn_s_rad=_exact(options.turn_share / model.max_yaw_rate_rad_s),
             stop_s=_exact(options.stop_share * lane_speed / model.max_accel_m_s2),

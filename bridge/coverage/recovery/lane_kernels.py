@@ -23,7 +23,7 @@ _PI = cython.declare(cython.double, math.pi)
 
 @cython.final
 @cython.cclass
-class LanePrices:
+class LaneCosts:
     """Costs and limits in the rating of a lane."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
@@ -34,7 +34,7 @@ class LanePrices:
     frontier = cython.declare(cython.double, visibility="public")
     """Cost per cell edge of new frontier that the lane creates, cells."""
     heading_rad = cython.declare(cython.double, visibility="public")
-    """Direction of the image's rows relative to the robot's heading, rad."""
+    """Direction of the image's rows relative to the main direction of the walls, rad."""
     cell_cm = cython.declare(cython.double, visibility="public")
     """Edge of a cell, cm."""
     cost_cm = cython.declare(cython.double, visibility="public")
@@ -111,14 +111,17 @@ class BestLane:
 
 def turn_images(
     target_in: Layer,
-    ways_in: IntGrid,
+    paths_in: IntGrid,
     angle: cython.double,
     origin_x: cython.double,
     origin_y: cython.double,
     target: Layer,
-    ways: IntGrid,
+    paths: IntGrid,
 ) -> None:
-    """Rotate images by ``angle`` about an origin, given in cells."""
+    """Rotate images by ``angle``, rad, about an origin, given in cells.
+
+    Path lengths are path costs; outside the window they are -1, and targets are 0.
+    """
     rows, cols = target.shape[0], target.shape[1]
     map_rows, map_cols = target_in.shape[0], target_in.shape[1]
     i: cython.Py_ssize_t
@@ -130,10 +133,10 @@ def turn_images(
             y = origin_y + (k + 0.5) * s + (r + 0.5) * c
             i, j = int(y), int(x)
             if y >= 0.0 and x >= 0.0 and i < map_rows and j < map_cols:
-                ways[r, k] = ways_in[i, j]
+                paths[r, k] = paths_in[i, j]
                 target[r, k] = target_in[i, j]
             else:
-                ways[r, k] = -1
+                paths[r, k] = -1
                 target[r, k] = 0
 
 
@@ -158,29 +161,29 @@ def _judge(
     edges: cython.int,
     path: cython.double,
     bearing: cython.double,
-    prices: LanePrices,
+    costs: LaneCosts,
     heading: cython.double,
 ) -> cython.void:
     """Rate one candidate and store it if it is the best so far.
 
     ``weight`` is the weight of the new cells, in cells.
     """
-    length = (last - first + 1) * prices.cell_cm
-    direction = prices.heading_rad + (_PI if backwards else 0.0)
-    time = (path * prices.cost_cm + length) / prices.speed_cm_s + prices.stop_s
-    if path > prices.near_cost:  # the robot must first drive a path to the lane
+    length = (last - first + 1) * costs.cell_cm
+    direction = costs.heading_rad + (_PI if backwards else 0.0)
+    time = (path * costs.cost_cm + length) / costs.speed_cm_s + costs.stop_s
+    if path > costs.near_cost:  # the robot must first drive a path to the lane
         off = _between(bearing, heading)
         off2 = _between(direction, bearing)
-        time += (off + off2) * prices.turn_s_rad + prices.stop_s
+        time += (off + off2) * costs.turn_s_rad + costs.stop_s
     else:
-        time += _between(direction, heading) * prices.turn_s_rad
-    rate = (new - prices.frontier * edges) / time
-    if rate < prices.min_rate:
+        time += _between(direction, heading) * costs.turn_s_rad
+    rate = (new - costs.frontier * edges) / time
+    if rate < costs.min_rate:
         return
-    if path > prices.near_cost:
-        far = (path - prices.near_cost) * prices.cost_cm / prices.speed_cm_s
-        time += (prices.transit_share - 1.0) * far
-    score = (weight - prices.frontier * edges) / time
+    if path > costs.near_cost:
+        far = (path - costs.near_cost) * costs.cost_cm / costs.speed_cm_s
+        time += (costs.transit_share - 1.0) * far
+    score = (weight - costs.frontier * edges) / time
     if score > best.score:
         best.score = score
         best.rate = rate
@@ -193,11 +196,11 @@ def _judge(
 
 def scan_lanes(
     target: Layer,
-    ways: IntGrid,
+    paths: IntGrid,
     here_row: cython.double,
     here_col: cython.double,
     heading: cython.double,
-    prices: LanePrices,
+    costs: LaneCosts,
     best: BestLane,
     sums: IntGrid,
 ) -> None:
@@ -205,12 +208,14 @@ def scan_lanes(
 
     ``target`` has a weight for each cell, 0: no target. ``best`` contains the best lane so far.
     ``sums`` is a temporary array with two numbers per column: new cells, and their weight.
+    ``here_row`` and ``here_col`` are the robot's place. ``heading`` is its heading relative to the
+    main direction of the walls, rad.
     """
     rows: cython.int = target.shape[0]
     cols: cython.int = target.shape[1]
-    below: cython.int = prices.rows // 2
-    above: cython.int = (prices.rows - 1) // 2
-    gap: cython.int = prices.gap_cells
+    below: cython.int = costs.rows // 2
+    above: cython.int = (costs.rows - 1) // 2
+    gap: cython.int = costs.gap_cells
     r: cython.int
     k: cython.int
     first: cython.int
@@ -225,7 +230,7 @@ def scan_lanes(
     behind: cython.int
     step: cython.int
     j: cython.int
-    unit: cython.double = 1.0 / prices.cell_weight
+    unit: cython.double = 1.0 / costs.cell_weight
     for k in range(cols):
         sums[0, k] = sums[1, k] = 0
     for r in range(min(below + above, rows)):
@@ -241,14 +246,14 @@ def scan_lanes(
                 sums[1, k] -= target[r - below - 1, k]
         k = 0
         while k < cols:
-            if ways[r, k] < 0 or sums[0, k] == 0:
+            if paths[r, k] < 0 or sums[0, k] == 0:
                 k += 1
                 continue
             first = last = k
             new = 0
             weight = 0
             edges = 0
-            while k < cols and ways[r, k] >= 0 and k - last <= gap:
+            while k < cols and paths[r, k] >= 0 and k - last <= gap:
                 if sums[0, k] > 0:
                     last = k
                     new += sums[0, k]
@@ -260,10 +265,10 @@ def scan_lanes(
                             continue
                         if not target[out, k]:
                             edges -= 1
-                        elif ways[r + 1 if side else r - 1, k] >= 0:
+                        elif paths[r + 1 if side else r - 1, k] >= 0:
                             edges += 1  # a lane farther out would avoid this frontier
                 k += 1
-            if new < prices.min_cells:
+            if new < costs.min_cells:
                 continue
             for backwards in range(2):
                 # the mouth is ahead of the axle, so both ends of the axle's path are farther back
@@ -273,19 +278,19 @@ def scan_lanes(
                 fresh = new
                 back = 0
                 while (
-                    back < prices.ahead_cells
+                    back < costs.ahead_cells
                     and 0 <= begin - step < cols
-                    and ways[r, begin - step] >= 0
+                    and paths[r, begin - step] >= 0
                 ):
                     begin -= step
                     back += 1
-                for j in range(prices.ahead_cells - back):
+                for j in range(costs.ahead_cells - back):
                     behind = (last if backwards else first) + step * j
                     if first <= behind <= last:
                         fresh -= sums[0, behind]
-                if fresh < prices.min_cells:
+                if fresh < costs.min_cells:
                     continue
-                end -= step * prices.ahead_cells
+                end -= step * costs.ahead_cells
                 ahead = atan2(r + 0.5 - here_row, begin + 0.5 - here_col)
                 _judge(
                     best,
@@ -296,8 +301,8 @@ def scan_lanes(
                     fresh,
                     unit * weight + fresh - new,
                     edges,
-                    ways[r, begin],
-                    prices.heading_rad + ahead,
-                    prices,
+                    paths[r, begin],
+                    costs.heading_rad + ahead,
+                    costs,
                     heading,
                 )

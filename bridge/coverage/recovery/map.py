@@ -10,18 +10,19 @@ import numpy as np
 from bridge.coverage.recovery import packed
 from bridge.coverage.recovery.cliffs import SPAN_RAD, Cliffs
 from bridge.coverage.recovery.evidence_kernels import (
-    MOST,
+    MAX_EVIDENCE,
     SURE,
     add_wall,
     beam,
     bump_area,
     clear_body,
     fresh_ahead,
-    pace,
+    speed_limit_m_s,
     sweep,
 )
 from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.motion.legs import StopReason
+from bridge.motion.observation import INFRARED_PERIOD_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,21 +46,19 @@ _GROW_M = 1.5
 """Length by which the map grows, m."""
 _NEAR_M = 0.6
 """Distance of the robot from the map's border below which the map grows, m."""
-_READING_S = 0.05
-"""Time after which an unchanged infrared reading counts as a new reading, s."""
 _POINT = 2
 """Weight of a contact. One contact marks a cell as occupied."""
 _SPAN_RAD = math.radians(87.0)
 """Angle between the heading and the outer end of a bumper switch, rad."""
 _OVERLAP_RAD = math.radians(10.0)
 """Half of the angle around the heading in which a contact presses both switches, rad."""
-_LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
+_LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "attempts")
 
 
 class EvidenceMap:
     """Map with layers of cells, in the frame of the estimate; see ``evidence_kernels``.
 
-    ``tried`` counts the fruitless attempts for each cell.
+    ``attempts`` counts the fruitless attempts for each cell.
     """
 
     def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
@@ -75,7 +74,7 @@ class EvidenceMap:
         self.x0_m = pose.x_m - _FIRST_M
         self.y0_m = pose.y_m - _FIRST_M
         self.swept: Layer = np.zeros((size, size), dtype=np.uint8)
-        self.wall, self.inflated, self.blocked, self.visited, self.tried = (
+        self.wall, self.inflated, self.blocked, self.visited, self.attempts = (
             np.zeros_like(self.swept) for _ in range(5)
         )
         x, y = self.to_cells(pose.x_m, pose.y_m)
@@ -155,7 +154,7 @@ class EvidenceMap:
         if self.cliffs and not obs.cliff:
             self.cliffs.see_floor(pose)
         readings = (obs.infrared_left_m, obs.infrared_right_m)
-        if readings != self._readings or obs.time_s - self._read_s >= _READING_S:
+        if readings != self._readings or obs.time_s - self._read_s >= INFRARED_PERIOD_S:
             self._readings = readings
             self._read_s = obs.time_s
             if abs(obs.yaw_rate_rad_s) < options.look_rad_s:
@@ -196,7 +195,7 @@ class EvidenceMap:
             return 0.0
         return self.contact_rad(result.pose, left=left, right=right, beside=beside)
 
-    def occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
+    def count_occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
         """Count the occupied cells within a radius of a point, m."""
         return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
 
@@ -266,9 +265,12 @@ class EvidenceMap:
         return True
 
     def abandon(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Count a fruitless attempt at the cells within a radius of a point, m."""
+        """Count a fruitless attempt at the cells of a square around a point, m.
+
+        ``radius_m`` is half the length of its edge.
+        """
         square, _ = self._square(*self.to_cells(x_m, y_m), radius_m)
-        part = self.tried[square]
+        part = self.attempts[square]
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
     def block(self, x_m: float, y_m: float, radius_m: float) -> None:
@@ -279,14 +281,22 @@ class EvidenceMap:
         self.blocked[self._disc(x_m, y_m, radius_m)] = 1
 
     def clear(self, pose: Pose2, things_m: float, places_m: float) -> None:
-        """Remove obstacles within ``things_m`` and blocks within ``places_m`` of a pose, m."""
+        """Remove evidence near a pose.
+
+        Args:
+            pose: centre of the squares and of the circle.
+            things_m: half the edge of the square in which obstacles are removed, m.
+            places_m: half the edge of the square in which blocks are removed, and radius of the
+                circle in which cliffs are removed, m.
+
+        """
         x, y = self.to_cells(pose.x_m, pose.y_m)
         part, _ = self._square(x, y, places_m)
         self.blocked[part] = 0
         self.cliffs.clear(pose, places_m)
         part, (r0, c0) = self._square(x, y, things_m)
         for row, col in np.argwhere(self.wall[part]).tolist():
-            add_wall(self.wall, self.inflated, row + r0, col + c0, -MOST, self._reach)
+            add_wall(self.wall, self.inflated, row + r0, col + c0, -MAX_EVIDENCE, self._reach)
 
     def clear_bumps(self, radius_m: float) -> bool:
         """Remove evidence that comes from bumps only.
@@ -305,7 +315,7 @@ class EvidenceMap:
         reach = math.ceil(radius_m * self._per_m)
         for row, col in cells[:: max(reach // 2, 1)].tolist():
             r0, c0 = max(row - reach, 0), max(col - reach, 0)
-            self.tried[r0 : row + reach + 1, c0 : col + reach + 1] = 0
+            self.attempts[r0 : row + reach + 1, c0 : col + reach + 1] = 0
         self.blocked[:] = 0
         any_guess = bool(self._guessed)
         for point in self._guessed:
@@ -337,7 +347,7 @@ class EvidenceMap:
             aside_m[1] * per,
         )
 
-    def pace(
+    def speed_limit_m_s(
         self,
         pose: Pose2,
         following: int,
@@ -356,13 +366,12 @@ class EvidenceMap:
             straight: True if the followed wall is straight. Older evidence of this wall then does
                 not count. It may be some centimetres wrong because of a pose correction.
 
-
         """
         x, y = self.to_cells(pose.x_m, pose.y_m)
         cell = self._cell_m
         rim_m = self._model.radius_m + 0.5 * cell
         beside = self.geometry.beside_m[straight]
-        known = pace(
+        known = speed_limit_m_s(
             self.wall,
             x,
             y,
@@ -376,13 +385,13 @@ class EvidenceMap:
             brake.latency_s,
             self._model.max_speed_m_s,
         )
-        return min(known, self.cliffs.pace(pose)) if self.cliffs else known
+        return min(known, self.cliffs.speed_limit_m_s(pose)) if self.cliffs else known
 
     def packed(self) -> PackedMap:
         """Return the map with 2 bits per cell, to be stored by a microcontroller between legs."""
         r0, r1, c0, c1 = self.box(self._model.radius_m + packed.RIM_M)
         part = np.s_[r0:r1, c0:c1]
-        done = (self.swept[part] > 0) | (self.tried[part] >= self._options.tries)
+        done = (self.swept[part] > 0) | (self.attempts[part] >= self._options.max_attempts)
         kind = packed.kinds(done, self.visited[part] > 0, self.wall[part] >= SURE)
         return packed.pack(*self.to_metres(c0, r0), kind)
 
@@ -399,12 +408,12 @@ class EvidenceMap:
         column, row = self.to_cells(kept.x0_m, kept.y0_m)
         r0, c0 = round(row), round(column)
         if min(r0, c0) < 0 or r0 + kept.rows > self.shape[0] or c0 + kept.columns > self.shape[1]:
-            raise ValueError("what was packed lies outside of the map")
+            raise ValueError("the packed map is not a part of this map")
         for name in _LAYERS:
             getattr(self, name).fill(0)
         part = np.s_[r0 : r0 + kept.rows, c0 : c0 + kept.columns]
-        self.visited[part] = kind == packed.BEEN
-        self.swept[part] = (kind == packed.BEEN) | (kind == packed.DONE)
+        self.visited[part] = kind == packed.VISITED
+        self.swept[part] = (kind == packed.VISITED) | (kind == packed.DONE)
         for r, c in np.argwhere(kind == packed.OCCUPIED).tolist():
             add_wall(self.wall, self.inflated, r + r0, c + c0, SURE, self._reach)
 

@@ -21,7 +21,7 @@ _ROUNDING_M = 1e-9
 """Maximum rounding error of a sum of lengths, m."""
 
 
-class WallFollowing:
+class PerimeterProgress:
     """Progress of a perimeter pass."""
 
     __slots__ = ("checked_m", "distance_m", "last_pose", "min_m", "side", "stale")
@@ -58,7 +58,7 @@ class ObservationMonitor:
         self,
         model: RobotModel,
         options: RecoveryOptions,
-        evidence: EvidenceMap,
+        evidence_map: EvidenceMap,
         record: PlannerReports,
         segments: WallSegments,
         *,
@@ -67,8 +67,8 @@ class ObservationMonitor:
     ) -> None:
         """Start with the first observation of the plan."""
         self._model, self._options = model, options
-        self._geometry = evidence.geometry
-        self._map, self._record, self._segments = evidence, record, segments
+        self._geometry = evidence_map.geometry
+        self._evidence_map, self._record, self._segments = evidence_map, record, segments
         braking = motion.braking
         self._brake = Braking(braking.share * model.max_accel_m_s2, braking.lag_s)
         self._touch_m_s = motion.hidden.touch_m_s
@@ -76,7 +76,7 @@ class ObservationMonitor:
         """The last observation."""
         self.speed_limit_m_s = math.inf
         """Maximum forward speed at which contacts with known obstacles are harmless, m/s."""
-        self.wall = WallFollowing()
+        self.wall = PerimeterProgress()
         self.on_lane = False
         """True if the running leg is a lane. A wall beside the lane may end this leg."""
         self.beside = 0
@@ -90,15 +90,18 @@ class ObservationMonitor:
         """Maximum heading standard deviation since the last report, rad."""
 
     def observe(self, obs: Observation) -> bool:
-        """Process an observation. Return True if the running leg has nothing left to sweep."""
+        """Process an observation. Return True to cancel the running leg.
+
+        Its perimeter pass is complete, or an unswept wall is beside its lane.
+        """
         self._see_correction(obs)
         self._see_heading(obs.heading_sigma_rad)
         self.obs = obs
         self._see_cliff(obs)
-        self._map.update(obs)
+        self._evidence_map.update(obs)
         wall = self.wall
         straight = abs(obs.yaw_rate_rad_s) < self._options.straight_rad_s
-        self.speed_limit_m_s = self._map.pace(
+        self.speed_limit_m_s = self._evidence_map.speed_limit_m_s(
             obs.pose, wall.side, self._brake, self._touch_m_s, straight=straight
         )
         if wall.side and not straight:
@@ -115,7 +118,7 @@ class ObservationMonitor:
     def fresh_along(self, pose: Pose2, side: int) -> float:
         """Return the unswept share of the strip next to a wall on the left (1) or right (-1)."""
         low, high = self._geometry.band_m
-        return self._map.fresh(
+        return self._evidence_map.fresh(
             pose, self._geometry.band_ahead_m, (low, high) if side > 0 else (-high, -low)
         )
 
@@ -214,7 +217,8 @@ class ObservationMonitor:
                 continue
             low, high = (max(gap_m, 0.0) + edge_m for edge_m in self._geometry.beside_lane_m)
             band = (low, high) if side > 0 else (-high, -low)
-            if self._map.fresh(obs.pose, (0.0, ahead_m), band) > self._options.beside_unswept:
+            unswept = self._evidence_map.fresh(obs.pose, (0.0, ahead_m), band)
+            if unswept > self._options.beside_unswept:
                 self.beside = side
                 return True
         return False

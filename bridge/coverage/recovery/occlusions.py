@@ -25,10 +25,15 @@ class OccludedRegion:
     """A strip of a lane that an obstacle occluded."""
 
     number: int
+    """Number of the region. Regions are numbered in the order of their detection."""
     x_m: float
+    """Start of the strip, m."""
     y_m: float
+    """Start of the strip, m."""
     heading_rad: float
+    """Direction of the strip, rad."""
     length_m: float
+    """Length of the strip, m."""
     left_m: float
     """Unswept length, m."""
 
@@ -37,13 +42,13 @@ class OccludedRegion:
         bow_c, bow_s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         c, s = math.cos(begin.theta_rad), math.sin(begin.theta_rad)
         count = max(round(self.length_m / _STEP_M), 1)
-        met = 0
+        covered = 0
         for k in range(count):
             path_m = (k + 0.5) * self.length_m / count
             dx, dy = self.x_m + path_m * bow_c - begin.x_m, self.y_m + path_m * bow_s - begin.y_m
             ahead, aside = dx * c + dy * s, dy * c - dx * s
-            met += abs(aside) <= within_m and -within_m <= ahead <= length_m + within_m
-        return met * self.length_m / count
+            covered += abs(aside) <= within_m and -within_m <= ahead <= length_m + within_m
+        return covered * self.length_m / count
 
 
 class OccludedRegions:
@@ -67,7 +72,7 @@ class OccludedRegions:
         del self.open[:-_MAX_OPEN]
         return occlusion
 
-    def met(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
+    def overlapping(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
         """Return the open region with the largest overlap with a lane; None: no overlap."""
         best, max_m = None, self._options.occlusion_min_m
         for occlusion in self.open:

@@ -113,7 +113,7 @@ class RecoveryOptions:
     small_area: float = 1.0
     """Area of a piece from which the whole return counts, in units of the mouth's width squared.
     The robot does not return to each smaller piece."""
-    looks_m: tuple[float, ...] = (2.2, 5.2)
+    search_lengths_m: tuple[float, ...] = (2.2, 5.2)
     """Maximum path lengths of the search, tried one after another, m. The last search has no
     limit."""
     snap_m: float = 0.12
@@ -124,7 +124,7 @@ class RecoveryOptions:
     slice_cells: int = 50_000
     """Number of cells that a search processes in one control step: about 2 ms. On a large floor the
     robot waits for some steps."""
-    tries: int = 2
+    max_attempts: int = 2
     """Number of fruitless attempts after which a cell is abandoned."""
     heading_fix_apart_s: float = 20.0
     """Minimum time between two heading fixes, s. It doubles after each fix without effect."""
@@ -334,7 +334,7 @@ class RecoveryOptions:
     """Number of fruitless decisions in a row after which evidence is cleared."""
     max_blocked: int = 6
     """Number of blocks at one place after which evidence is cleared there."""
-    spared: int = 8
+    patient_decisions: int = 8
     """Number of fruitless decisions in a row from which every block counts against the target.
     Before that, a block far from the target does not count."""
     same_place_m: float = 0.15
@@ -351,21 +351,24 @@ class RecoveryOptions:
     max_cleared: int = 3
     """Maximum number of times that evidence is cleared without new floor."""
     clear_radius_m: float = 0.6
-    """Radius within which evidence is cleared if the robot finds no way to continue, m."""
+    """Half the edge of the square in which evidence is cleared if the robot finds no way to
+    continue, m. Blocked cells are always cleared in this square, and cliffs in a circle with this
+    radius."""
     blocked_radius_m: float = 0.3
-    """Radius within which evidence is cleared if one place blocks the robot, m. Evidence farther
-    away does not block it. Without that evidence the robot would bump into known chair legs
-    again."""
+    """Half the edge of the square in which occupied cells are cleared if one place blocks the
+    robot, m. Obstacles farther away do not block it. Without them in the map, the robot would bump
+    into known chair legs again."""
     bump_radius_m: float = 0.2
     """Radius around bumps within which targets get one more attempt, m."""
-    again: int = 2
+    blocks_to_close: int = 2
     """Number of blocks at one place from which the map closes the passage and the robot follows the
     obstacle."""
     closed_m: float = 0.03
-    """Increase of the closed radius for each block at the same place, m."""
+    """Increase of the closed radius for each block at the same place, m. It does not scale with the
+    robot's size."""
     wall_m: float = 0.2
-    """Radius within which wall cells are counted, m."""
-    little: float = 0.3
+    """Radius within which wall cells are counted, m. It does not scale with the robot's size."""
+    fruitless_share: float = 0.3
     """Share of the expected new floor below which an attempt is fruitless for its target."""
 
     def for_model(self, model: RobotModel) -> RecoveryOptions:
@@ -381,5 +384,5 @@ class RecoveryOptions:
             self,
             perimeter_length_m=0.3 * self.perimeter_length_m,
             max_fruitless=max(self.max_fruitless // 2, 1),
-            tries=1,
+            max_attempts=1,
         )

@@ -1,11 +1,14 @@
 """A compact map: two bits per cell, as a microcontroller would store it between two legs.
 
+It serves a port of the planner to a microcontroller, and the measurements of ``bench.packed``. A
+run on the host does not use it.
+
 Each cell has one of four kinds. If several kinds apply, the last one in this list is stored:
 
 - ``UNKNOWN``: no evidence, or only beams that passed through the cell.
 - ``DONE``: swept, or abandoned.
-- ``BEEN``: visited by the axle. The cell is swept, and passable even if an obstacle is near.
 - ``OCCUPIED``: enough evidence of an obstacle.
+- ``VISITED``: visited by the axle. The cell is swept, and passable even if an obstacle is near.
 
 The packed map preserves exactly:
 
@@ -37,7 +40,7 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Kinds = NDArray[np.uint8]
 
-UNKNOWN, DONE, BEEN, OCCUPIED = range(4)
+UNKNOWN, DONE, VISITED, OCCUPIED = range(4)
 RIM_M = 0.05
 """Margin of the packed box around the footprint at the outermost positions of the axle, m. A wall
 in contact is up to two cells outside the footprint."""
@@ -67,7 +70,7 @@ def kinds(done: Mask, visited: Mask, occupied: Mask) -> Kinds:
     """Return the kind of each cell."""
     kind: Kinds = np.where(done, DONE, UNKNOWN).astype(np.uint8)
     kind[occupied] = OCCUPIED
-    kind[visited] = BEEN
+    kind[visited] = VISITED
     return kind
 
 

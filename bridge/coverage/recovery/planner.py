@@ -29,7 +29,7 @@ from bridge.coverage.recovery.search import Choice, Chooser
 from bridge.coverage.recovery.stuck import Verdict
 from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.legs import Leg
-from bridge.motion.robot_model import LOST
+from bridge.motion.robot_model import MISSING_SENSOR_EFFECTS
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation
@@ -91,7 +91,10 @@ class RecoveryPlanner(ScriptedPlanner):
         return math.inf if self._context is None else self._context.monitor.speed_limit_m_s
 
     def observe(self, obs: Observation) -> bool:
-        """Process an observation. Return True if the running leg has nothing left to sweep."""
+        """Process an observation. Return True to cancel the running leg.
+
+        Its perimeter pass is complete, or an unswept wall is beside its lane.
+        """
         return self._context is not None and self._context.monitor.observe(obs)
 
     def script(self, obs: Observation) -> Script:
@@ -105,7 +108,7 @@ class RecoveryPlanner(ScriptedPlanner):
         self.record.decide("start", "search for a wall to follow")
         for name, mount in self.model.rangers.items():
             if not mount.fitted:
-                self.record.decide("sensor", f"without {name} {LOST[name]}")
+                self.record.decide("sensor", f"without {name} {MISSING_SENSOR_EFFECTS[name]}")
         yield from self._behaviours.approach(context)
         for _ in range(self.options.max_decisions):
             choice = yield from self._behaviours.choose(context)
@@ -127,17 +130,17 @@ class RecoveryPlanner(ScriptedPlanner):
 
     def _carry_out(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step]:
         """Sweep the chosen target and rate the result."""
-        before = context.map.new_cells
+        before = context.evidence_map.new_cells
         self.record.emit(events.chosen(choice))
         begin = choice.begin
         is_lane = choice.kind == "lane"
-        region = context.occlusions.met(begin, choice.length_m) if is_lane else None
+        region = context.occlusions.overlapping(begin, choice.length_m) if is_lane else None
         context.recovering = region
         if region is not None:
             self.record.emit(events.recovery_begun(region))
         sweep = self._behaviours.lane if is_lane else self._behaviours.perimeter
         arrived = yield from sweep(context, choice)
-        new_cells, context.recovering = context.map.new_cells - before, None
+        new_cells, context.recovering = context.evidence_map.new_cells - before, None
         if region is not None:
             closed = arrived and context.occlusions.swept(region, begin, context.lane_m)
             new_m2 = context.geometry.area_m2(new_cells)
@@ -154,7 +157,7 @@ class RecoveryPlanner(ScriptedPlanner):
                 "them only by turning towards the wall, which sweeps too little for its time"
             )
         self.record.end_figures = {
-            "swept_m2": round(context.geometry.area_m2(context.map.new_cells), 2),
+            "swept_m2": round(context.geometry.area_m2(context.evidence_map.new_cells), 2),
             "left_cm2": round(self._chooser.left_m2 * 1e4),
             "occlusions_open": len(context.occlusions.open),
             "beside_walls_cm2": beside_cm2,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
+from bridge.coverage.recovery.lane_kernels import BestLane, LaneCosts, scan_lanes
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
 from bridge.coverage.recovery.window import Buffers, Point, SearchWindow, Turned, free_cell
 from bridge.coverage.recovery.window_kernels import (
@@ -24,7 +24,7 @@ from bridge.coverage.recovery.window_kernels import (
     PerimeterCosts,
     keep_holes,
     mark_targets,
-    scan_outlines,
+    scan_perimeters,
     weigh_pieces,
 )
 from bridge.motion.geometry import Pose2
@@ -86,90 +86,82 @@ class Chooser:
         """Floor that the mouth reaches only if the robot turns towards a wall, m². ``left_m2`` does
         not include it."""
 
-    def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
-        """Run the whole search without slices. Return the best choice, or None.
-
-        None means that no choice is worthwhile.
-        """
-        search = self.search(memory, pose, grid_rad)
-        while True:
-            try:
-                next(search)
-            except StopIteration as stop:
-                found: Choice | None = stop.value
-                return found
-
     def search(
-        self, memory: EvidenceMap, pose: Pose2, grid_rad: float
+        self, evidence_map: EvidenceMap, pose: Pose2, grid_rad: float
     ) -> Generator[None, None, Choice | None]:
         """Search in slices and return the best choice, or None.
 
         The generator yields at the end of each slice.
         """
-        options, geometry = self._options, memory.geometry
-        column, row = memory.to_cells(pose.x_m, pose.y_m)
-        box = memory.box()
+        options, geometry = self._options, evidence_map.geometry
+        column, row = evidence_map.to_cells(pose.x_m, pose.y_m)
+        box = evidence_map.box()
         parts = [_clip(box, int(row), int(column), geometry.path_costs[0] // STRAIGHT), box]
         choice: Choice | None = None
         self._spent = self.left_m2 = 0.0
         self.unreachable_at = None
-        for k, most in enumerate(geometry.path_costs):
+        for k, max_cost in enumerate(geometry.path_costs):
             part = parts[min(k, 1)]
             if k < len(parts):
                 yield from self._spend(_COPYING * _size(part))
-                window = SearchWindow(memory, part, options.tries, self._buffers)
+                window = SearchWindow(evidence_map, part, options.max_attempts, self._buffers)
                 here = window.cell(pose.x_m, pose.y_m)
                 start = free_cell(window.open, *here, geometry.snap_cells)
                 self.enclosed = start is None
                 if start is None:
                     return None
                 window.begin(start)
-            while not window.search_paths(most, int(options.slice_cells - self._spent)):
+            while not window.search_paths(max_cost, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
             self._spent += window.settled
-            choice = yield from self._best(window, most, pose, grid_rad, geometry)
+            choice = yield from self._best(window, max_cost, pose, grid_rad, geometry)
             near_m2_s = geometry.area_m2(geometry.near_rate)
             if choice is not None and choice.score_m2_s >= near_m2_s:
                 break
-            if part == box and most >= _ENOUGH * (part[1] - part[0] + part[3] - part[2]):
+            if part == box and max_cost >= _ENOUGH * (part[1] - part[0] + part[3] - part[2]):
                 break
         if choice is None:
-            choice = yield from self._best(window, most, pose, grid_rad, geometry, holes=True)
+            choice = yield from self._best(window, max_cost, pose, grid_rad, geometry, holes=True)
         if choice is None:
-            self.beside_walls_m2 = geometry.area_m2(_turning(window, most, geometry)) - self.left_m2
-            self.unreachable_at = _parted(memory, window, pose)
+            self.beside_walls_m2 = (
+                geometry.area_m2(_turning(window, max_cost, geometry)) - self.left_m2
+            )
+            self.unreachable_at = _parted(evidence_map, window, pose)
             self.enclosed = self.unreachable_at is not None
         return choice
 
     def path_to(
-        self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
+        self, evidence_map: EvidenceMap, pose: Pose2, points: Sequence[Point]
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
         """Search in slices for the nearest of some points; return its index and the path to it.
 
-        Return None if no point can be reached. Points at which the robot cannot be are skipped.
+        Return None if no path of at most ``search_lengths_m[-1]`` leads to a point. Points at which
+        the robot cannot be are skipped.
         """
         options = self._options
         self._spent = 0.0
-        box = memory.box()
+        box = evidence_map.box()
         yield from self._spend(_COPYING * _size(box))
-        window = SearchWindow(memory, box, options.tries, self._buffers)
+        window = SearchWindow(evidence_map, box, options.max_attempts, self._buffers)
         here = window.cell(pose.x_m, pose.y_m)
-        start = free_cell(window.open, *here, memory.geometry.snap_cells)
+        start = free_cell(window.open, *here, evidence_map.geometry.snap_cells)
         goals = [free_cell(window.open, *window.cell(*point), 1) for point in points]
         if start is None:
             return None
         window.begin(start)
-        for most in memory.geometry.path_costs[:-1]:
-            while not window.search_paths(most, int(options.slice_cells - self._spent)):
+        for max_cost in evidence_map.geometry.path_costs[:-1]:
+            while not window.search_paths(max_cost, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
             self._spent += window.settled
-            ways = [(int(window.dist[goal]), k) for k, goal in enumerate(goals) if goal is not None]
-            path, k = min((path for path in ways if path[0] >= 0), default=(most, -1))
+            costs = [
+                (int(window.dist[goal]), k) for k, goal in enumerate(goals) if goal is not None
+            ]
+            cost, k = min((each for each in costs if each[0] >= 0), default=(max_cost, -1))
             goal = goals[k]
-            if path < most and goal is not None:
-                window.ways[:] = window.dist
+            if cost < max_cost and goal is not None:
+                window.paths[:] = window.dist
                 return k, (*window.path(*goal)[:-1], points[k])
         return None
 
@@ -185,7 +177,7 @@ class Chooser:
     def _best(  # noqa: PLR0913 - a window, and from where
         self,
         window: SearchWindow,
-        most: int,
+        max_cost: int,
         pose: Pose2,
         grid_rad: float,
         geometry: PlannerGeometry,
@@ -197,10 +189,10 @@ class Chooser:
         yield from self._spend(_MARKING * window.cells)
         left = mark_targets(
             window.dist,
-            most,
+            max_cost,
             window.done,
             window.target,
-            window.ways,
+            window.paths,
             int(window.reach_cells**2),
         )
         self.left_m2 = geometry.area_m2(left)
@@ -209,9 +201,9 @@ class Chooser:
             hole = self._buffers.layer("hole", window.target.shape)
             left = keep_holes(window.target, hole, geometry.hole_cells)
         perimeter = BestPerimeter()
-        prices = _perimeter_costs(geometry, min_rate)
-        ways = window.perimeter_lengths
-        scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, perimeter)
+        costs = _perimeter_costs(geometry, min_rate)
+        paths = window.perimeter_lengths
+        scan_perimeters(window.open, paths, window.done, y, x, pose.theta_rad, costs, perimeter)
         best = BestLane(), BestLane()
         image: Turned | None = None
         if left >= geometry.min_cells:
@@ -220,7 +212,7 @@ class Chooser:
                 window.target,
                 window.open,
                 window.done,
-                window.ways,
+                window.paths,
                 self._buffers.ints("piece", (1, window.cells)).ravel(),
                 geometry.return_cells,
                 geometry.small_cells,
@@ -229,13 +221,13 @@ class Chooser:
             image = Turned(window, grid_rad, self._buffers)
             for across in range(2):
                 yield from self._spend(_SCANNING * window.cells)
-                target, ways = image.rows(across=across)
+                target, paths = image.rows(across=across)
                 scan_lanes(
                     target,
-                    ways,
+                    paths,
                     *image.place(x, y, across=across),
                     pose.theta_rad - grid_rad,
-                    _lane_prices(window, across * _QUARTER, min_rate),
+                    _lane_costs(window, across * _QUARTER, min_rate),
                     best[across],
                     self._buffers.ints("sums", (2, target.shape[1])),
                 )
@@ -279,10 +271,10 @@ class Chooser:
         )
 
 
-def _turning(window: SearchWindow, most: int, geometry: PlannerGeometry) -> int:
+def _turning(window: SearchWindow, max_cost: int, geometry: PlannerGeometry) -> int:
     """Return the number of unswept cells that the mouth reaches, including by turns in place."""
     return mark_targets(
-        window.dist, most, window.done, window.target, window.ways, geometry.turning_cells_2
+        window.dist, max_cost, window.done, window.target, window.paths, geometry.turning_cells_2
     )
 
 
@@ -301,9 +293,9 @@ def _perimeter_costs(geometry: PlannerGeometry, min_rate: float) -> PerimeterCos
     )
 
 
-def _lane_prices(window: SearchWindow, heading_rad: float, min_rate: float) -> LanePrices:
+def _lane_costs(window: SearchWindow, heading_rad: float, min_rate: float) -> LaneCosts:
     geometry = window.geometry
-    return LanePrices(
+    return LaneCosts(
         speed_cm_s=geometry.lane_speed_m_s * 100.0,
         turn_s_rad=geometry.turn_s_rad,
         stop_s=geometry.stop_s,
@@ -321,20 +313,20 @@ def _lane_prices(window: SearchWindow, heading_rad: float, min_rate: float) -> L
     )
 
 
-def _parted(memory: EvidenceMap, window: SearchWindow, pose: Pose2) -> Point | None:
+def _parted(evidence_map: EvidenceMap, window: SearchWindow, pose: Pose2) -> Point | None:
     """Return the nearest visited and free place to which there is no path.
 
     Return None if there are only a few such cells. The map may have grown after the window was
     made.
     """
     rows, cols = window.dist.shape
-    column, row = memory.to_cells(*window.metres(0.5, 0.5))
+    column, row = evidence_map.to_cells(*window.metres(0.5, 0.5))
     r0, c0 = int(row), int(column)
     part = np.s_[r0 : r0 + rows, c0 : c0 + cols]
-    blocked, visited = memory.places()
-    was_there = (visited[part] > 0) & (memory.inflated[part] == 0) & (blocked[part] == 0)
+    blocked, visited = evidence_map.places()
+    was_there = (visited[part] > 0) & (evidence_map.inflated[part] == 0) & (blocked[part] == 0)
     cells = np.argwhere(was_there & (window.dist < 0))
-    if len(cells) < memory.geometry.unreachable_cells:
+    if len(cells) < evidence_map.geometry.unreachable_cells:
         return None
     x, y = window.place(pose)
     row, column = cells[np.hypot(cells[:, 0] + 0.5 - y, cells[:, 1] + 0.5 - x).argmin()].tolist()

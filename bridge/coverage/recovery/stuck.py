@@ -32,12 +32,12 @@ class StuckPolicy:
     def __init__(
         self,
         options: RecoveryOptions,
-        evidence: EvidenceMap,
+        evidence_map: EvidenceMap,
         record: PlannerReports,
     ) -> None:
         """Begin without attempts."""
-        self._options, self._geometry = options, evidence.geometry
-        self._map, self._record = evidence, record
+        self._options, self._geometry = options, evidence_map.geometry
+        self._evidence_map, self._record = evidence_map, record
         self._fruitless = 0
         """Number of decisions in a row that swept almost nothing."""
         self._cleared = 0
@@ -60,10 +60,10 @@ class StuckPolicy:
 
         The planner calls this method before it ends.
         """
-        if self._map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
+        if self._evidence_map.new_cells - self._bumps_cleared_at < self._geometry.floor_cells:
             return False
-        self._bumps_cleared_at = self._map.new_cells
-        if not self._map.clear_bumps(self._options.bump_radius_m * self._geometry.scale):
+        self._bumps_cleared_at = self._evidence_map.new_cells
+        if not self._evidence_map.clear_bumps(self._options.bump_radius_m * self._geometry.scale):
             return False
         self._blocks = self._fruitless = 0
         self._record.decide("clear", "before the end: evidence from bumps alone cleared")
@@ -83,14 +83,14 @@ class StuckPolicy:
             return Verdict.GO_ON
         place = self._uncertain_place(pose, unreachable_at)
         self._blocks = 0
-        if self._map.new_cells - self._cleared_at > self._geometry.floor_cells:
+        if self._evidence_map.new_cells - self._cleared_at > self._geometry.floor_cells:
             self._cleared = 0
         if self._cleared < self._options.max_cleared:
             scale = self._geometry.scale
             radius_m = (
                 self._options.clear_radius_m if stuck else self._options.blocked_radius_m
             ) * scale
-            self._map.clear(place, radius_m, self._options.clear_radius_m * scale)
+            self._evidence_map.clear(place, radius_m, self._options.clear_radius_m * scale)
             self._record.decide(
                 "clear",
                 f"{'no target is reachable' if stuck else 'blocked repeatedly at one place'}: "
@@ -98,7 +98,7 @@ class StuckPolicy:
                 x_m=round(place.x_m, 3),
                 y_m=round(place.y_m, 3),
             )
-            self._fruitless, self._cleared_at = 0, self._map.new_cells
+            self._fruitless, self._cleared_at = 0, self._evidence_map.new_cells
             self._cleared += 1
             return Verdict.CLEARED
         return Verdict.ENCLOSED if stuck else Verdict.GO_ON
@@ -113,11 +113,11 @@ class StuckPolicy:
         again = last is not None and pose.distance_m(last) < self._geometry.same_place_m
         self._blocks = self._blocks + 1 if again else 1
         self._blocked_at = pose
-        if self._blocks >= self._options.again:
+        if self._blocks >= self._options.blocks_to_close:
             radius_m = min(self._options.closed_m * self._blocks, self._geometry.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
             ahead_m = radius_m + self._geometry.cell_m
-            self._map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
+            self._evidence_map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
             self._record.decide(
                 "passage-shut",
                 "path closed: blocked twice at one place",
@@ -141,16 +141,17 @@ class StuckPolicy:
         left, right = result.bumper_left, result.bumper_right
         if result.reason is not StopReason.BUMPER or left == right:
             return False
-        if self._blocks < self._options.again or new_m2 <= self._geometry.worth_m2:
+        if self._blocks < self._options.blocks_to_close or new_m2 <= self._geometry.worth_m2:
             return False
-        pose, floor = result.pose, self._map.new_cells
-        bearing, rim_m = self._map.bearing_rad(result), self._geometry.radius_m
+        pose, floor = result.pose, self._evidence_map.new_cells
+        bearing, rim_m = self._evidence_map.bearing_rad(result), self._geometry.radius_m
         contact = pose.transform(rim_m * math.cos(bearing), rim_m * math.sin(bearing))
-        if self._map.occupied(*contact, self._options.wall_m) < self._geometry.min_wall_cells:
+        wall_cells = self._evidence_map.count_occupied(*contact, self._options.wall_m)
+        if wall_cells < self._geometry.min_wall_cells:
             return False
         for before, side, cells in self._passages:
-            inflated = side == left and before.distance_m(pose) < self._geometry.same_place_m
-            if inflated and floor - cells < self._geometry.floor_cells:
+            same_place = side == left and before.distance_m(pose) < self._geometry.same_place_m
+            if same_place and floor - cells < self._geometry.floor_cells:
                 return False
         self._passages.append((pose, left, floor))
         self._left_path_at = pose
@@ -182,14 +183,14 @@ class StuckPolicy:
         promised = choice.new_m2 / self._geometry.cell_m**2
         if choice.kind == "perimeter":
             promised = self._geometry.fruitful_cells
-        if new_cells > self._options.little * promised:
+        if new_cells > self._options.fruitless_share * promised:
             return
         x, y = choice.path[-1]
         far = (
             math.dist((self._left_path_at or pose)[:2], (x, y))
             > self._options.far_m * self._geometry.scale
         )
-        if far and not arrived and self._fruitless < self._options.spared:
+        if far and not arrived and self._fruitless < self._options.patient_decisions:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0
@@ -199,7 +200,7 @@ class StuckPolicy:
         if choice.kind == "lane":  # the mouth may be ahead of the axle
             x, y = x + self._geometry.ahead_m * c, y + self._geometry.ahead_m * s
         while at_m <= done_m:
-            self._map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
+            self._evidence_map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
             at_m += width_m
         reason = (
             "target abandoned: almost nothing gained" if arrived else "target abandoned: no path"

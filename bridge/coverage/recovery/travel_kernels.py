@@ -45,7 +45,7 @@ class TravelSearch:
 def travel(
     ground: Bytes,
     cols: cython.int,
-    most: cython.int,
+    max_cost: cython.int,
     budget: cython.int,
     dist: Ints,
     queue: IntGrid,
@@ -56,13 +56,13 @@ def travel(
 
     The algorithm is Dial's, with a ring of buckets. A cell is settled when its path cost is final.
     One call settles at most ``budget`` cells. The next call continues with ``search``. A cell with
-    a ``dist`` above ``most`` has only a preliminary cost; -1 means that no path is known. The cells
-    at the border of the window must not be passable.
+    a ``dist`` above ``max_cost`` has only a preliminary cost; -1 means that no path is known. The
+    cells at the border of the window must not be passable.
 
     Args:
         ground: ``open_`` from ``copy_window``, row by row.
         cols: Number of cells in a row.
-        most: Maximum cost of a path; the search ends there.
+        max_cost: Maximum cost of a path; the search ends there.
         budget: Maximum number of cells that are settled.
         dist: Path costs so far, row by row. Initially 0 at the start and -1 elsewhere.
         queue: ``(RING, room)``: the cells of each bucket, as flat indices.
@@ -84,7 +84,7 @@ def travel(
     diagonal: cython.int = _DIAGONAL
     tight: cython.int = _TIGHT
     last_bucket: cython.int = _RING - 1
-    while waiting > 0 and level <= most:
+    while waiting > 0 and level <= max_cost:
         slot = level & last_bucket
         while k < counts[slot]:
             if settled >= budget:
@@ -131,9 +131,9 @@ def clear_line(
     c0: cython.int,
     r1: cython.int,
     c1: cython.int,
-    least: cython.int,
+    min_kind: cython.int,
 ) -> cython.bint:
-    """Return True if every cell on a straight line is at least ``least`` (1 passable, 2 free)."""
+    """Return True if every cell on a line is at least ``min_kind`` (1 passable, 2 free)."""
     down: cython.int = r1 - r0
     right: cython.int = c1 - c0
     steps: cython.int = max(abs(down), abs(right)) * 2
@@ -146,12 +146,12 @@ def clear_line(
     for k in range(steps + 1):
         r = int(r0 + 0.5 + down * k / count)
         c = int(c0 + 0.5 + right * k / count)
-        if open_[r, c] < least:
+        if open_[r, c] < min_kind:
             return False
     return True
 
 
-def way_back(
+def trace_path(
     open_: Layer, dist: IntGrid, row: cython.int, col: cython.int, out: IntGrid, cells: Ints
 ) -> cython.int:
     """Write the corners of the shortest path from the start of ``dist`` to a cell, with both ends.
@@ -202,7 +202,7 @@ def way_back(
         if k == 0:
             return count
         nearest = k - 1
-        for least in range(2, 0, -1):
+        for min_kind in range(2, 0, -1):
             m = k - 1
             reach = k - 1
             while m >= 0:
@@ -212,7 +212,7 @@ def way_back(
                     cells[k] % cols,
                     cells[m] // cols,
                     cells[m] % cols,
-                    least,
+                    min_kind,
                 ):
                     reach = m
                 elif m < k - 4 and reach > m + 12:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bridge.coverage.recovery.lane_kernels import turn_images
-from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, travel, way_back
+from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, trace_path, travel
 from bridge.coverage.recovery.window_kernels import copy_window
 
 if TYPE_CHECKING:
@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 Point = tuple[float, float]
 
 _ROOM = 16384
+"""Maximum number of cells in a bucket of the path search."""
 _CORNERS = 400
-_WAY = 8192
+"""Maximum number of corners of a path."""
+_MAX_PATH_CELLS = 8192
 """Maximum length of a path, cells. The largest room needs a fifth of it."""
 
 
@@ -43,7 +45,7 @@ class Buffers:
         self.queue: Ints = np.zeros((RING, _ROOM), dtype=np.int32)
         self.counts: Ints = np.zeros(RING, dtype=np.int32)
         self.corners: Ints = np.zeros((_CORNERS, 2), dtype=np.int32)
-        self.path: Ints = np.zeros(_WAY, dtype=np.int32)
+        self.path: Ints = np.zeros(_MAX_PATH_CELLS, dtype=np.int32)
 
     def layer(self, name: str, shape: tuple[int, int]) -> Layer:
         """Return a byte array of a shape. It contains old values."""
@@ -66,38 +68,38 @@ class SearchWindow:
 
     def __init__(
         self,
-        memory: EvidenceMap,
+        evidence_map: EvidenceMap,
         window: tuple[int, int, int, int],
-        tries: int,
+        max_attempts: int,
         buffers: Buffers,
     ) -> None:
         r0, r1, c0, c1 = window
         shape = (r1 - r0, c1 - c0)
-        self.x0_m, self.y0_m = memory.to_metres(c0, r0)
-        self.cell_m = memory.to_metres(c0 + 1, r0)[0] - self.x0_m
-        self.geometry = geometry = memory.geometry
-        self.reach_cells = min(geometry.mouth_cells, memory.swept_cells)
+        self.x0_m, self.y0_m = evidence_map.to_metres(c0, r0)
+        self.cell_m = evidence_map.to_metres(c0 + 1, r0)[0] - self.x0_m
+        self.geometry = geometry = evidence_map.geometry
+        self.reach_cells = min(geometry.mouth_cells, evidence_map.swept_cells)
         """Maximum distance from the axle at which the mouth sweeps a cell, cells."""
-        self.lane_rows = min(geometry.lane_rows, int(2.0 * memory.swept_cells))
+        self.lane_rows = min(geometry.lane_rows, int(2.0 * evidence_map.swept_cells))
         """Number of rows that a lane sweeps."""
         self.open = buffers.layer("open", shape)
         self.done = buffers.layer("done", shape)
         self.dist = buffers.ints("dist", shape)
         self.target = buffers.layer("target", shape)
-        self.ways = buffers.ints("ways", shape)
-        self._cliffs = memory.cliffs.rims
+        self.paths = buffers.ints("paths", shape)
+        self._cliffs = evidence_map.cliffs.rims
         self._buffers = buffers
         self.settled = 0
         self._search = TravelSearch()
-        blocked, visited = memory.places()
+        blocked, visited = evidence_map.places()
         copy_window(
-            memory.inflated,
+            evidence_map.inflated,
             blocked,
             visited,
-            memory.swept,
-            memory.wall,
-            memory.tried,
-            tries,
+            evidence_map.swept,
+            evidence_map.wall,
+            evidence_map.attempts,
+            max_attempts,
             r0,
             c0,
             self.open,
@@ -116,14 +118,14 @@ class SearchWindow:
         Places at cliffs are excluded, because there is no wall.
         """
         if not self._cliffs:
-            return self.ways
-        ways = self.ways.copy()
-        rows, cols = np.ogrid[: ways.shape[0], : ways.shape[1]]
+            return self.paths
+        paths = self.paths.copy()
+        rows, cols = np.ogrid[: paths.shape[0], : paths.shape[1]]
         for point in self._cliffs:
             row, col = self.cell(*point)
             near = self.geometry.cliff_perimeter_m / self.cell_m
-            ways[(rows - row) ** 2 + (cols - col) ** 2 < near**2] = -1
-        return ways
+            paths[(rows - row) ** 2 + (cols - col) ** 2 < near**2] = -1
+        return paths
 
     def place(self, pose: Pose2) -> tuple[float, float]:
         """Return column and row of a pose, with fractions."""
@@ -149,12 +151,12 @@ class SearchWindow:
         self._search.waiting = 1
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
-    def search_paths(self, most: int, budget: int) -> bool:
+    def search_paths(self, max_cost: int, budget: int) -> bool:
         """Continue the path search up to a cost. Return False if the budget of cells is used up."""
         self.settled, done = travel(
             self.open.ravel(),
             self.open.shape[1],
-            most,
+            max_cost,
             max(budget, 1),
             self.dist.ravel(),
             self._buffers.queue,
@@ -166,7 +168,7 @@ class SearchWindow:
     def path(self, row: int, col: int) -> tuple[Point, ...]:
         """Return the corners of the path to a cell, m."""
         corners = self._buffers.corners
-        count = way_back(self.open, self.ways, row, col, corners, self._buffers.path)
+        count = trace_path(self.open, self.paths, row, col, corners, self._buffers.path)
         cells = corners[1:count].tolist() or [[row, col]]
         return tuple(self.metres(c + 0.5, r + 0.5) for r, c in cells)
 
@@ -188,30 +190,30 @@ class Turned:
         self._shape = shape
         self._buffers = buffers
         self._target = buffers.layer("turned target", shape)
-        self._ways = buffers.ints("turned ways", shape)
+        self._paths = buffers.ints("turned paths", shape)
         turn_images(
             window.target,
-            window.ways,
+            window.paths,
             angle_rad,
             left * c - low * s,
             left * s + low * c,
             self._target,
-            self._ways,
+            self._paths,
         )
 
     def rows(self, *, across: int) -> tuple[Layer, Ints]:
         """Return the images.
 
-        With ``across`` they are rotated by a further 90°, so that rows run along v.
+        With ``across`` they are rotated by a further 90°, so that rows are orthogonal to the lanes.
         """
         if not across:
-            return self._target, self._ways
+            return self._target, self._paths
         shape = self._shape[::-1]
         target = self._buffers.layer("across target", shape)
-        ways = self._buffers.ints("across ways", shape)
+        paths = self._buffers.ints("across paths", shape)
         target[:] = self._target[:, ::-1].T
-        ways[:] = self._ways[:, ::-1].T
-        return target, ways
+        paths[:] = self._paths[:, ::-1].T
+        return target, paths
 
     def place(self, x: float, y: float, *, across: int) -> tuple[float, float]:
         """Return row and column in the images for a point of the window."""

@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING
 import cython
 from cython.cimports.libc.math import atan2, fabs, sqrt
 
+from bridge.coverage.recovery.evidence_kernels import SURE
+
 if TYPE_CHECKING or cython.compiled:
     from cython.cimports.bridge.motion.arrays import IntGrid, Ints, Layer
 
 _PI = cython.declare(cython.double, math.pi)
+_SURE = cython.declare(cython.int, SURE)
 _SWEPT = cython.declare(cython.int, 1)
 _GIVEN_UP = cython.declare(cython.int, 2)
 _OCCUPIED = cython.declare(cython.int, 4)
@@ -101,8 +104,8 @@ def copy_window(
     visited: Layer,
     swept: Layer,
     wall: Layer,
-    tried: Layer,
-    tries: cython.int,
+    attempts: Layer,
+    max_attempts: cython.int,
     row0: cython.int,
     col0: cython.int,
     open_: Layer,
@@ -118,6 +121,7 @@ def copy_window(
     r: cython.int
     c: cython.int
     state: cython.int
+    sure: cython.int = _SURE
     for r in range(rows):
         i = row0 + r
         for c in range(cols):
@@ -126,9 +130,9 @@ def copy_window(
             state = 0
             if swept[i, j]:
                 state = _SWEPT
-            if tried[i, j] >= tries:
+            if attempts[i, j] >= max_attempts:
                 state |= _GIVEN_UP
-            if wall[i, j] > 1:
+            if wall[i, j] >= sure:
                 state |= _OCCUPIED
             done[r, c] = state
         open_[r, 0] = 0
@@ -149,16 +153,16 @@ def copy_window(
 
 def mark_targets(
     dist: IntGrid,
-    most: cython.int,
+    max_cost: cython.int,
     done: Layer,
     target: Layer,
-    ways: IntGrid,
+    paths: IntGrid,
     near_2: cython.int,
 ) -> cython.int:
     """Mark the cells to sweep, and store the axle's path length to each cell; return their number.
 
     A cell is a target if it needs sweeping and the mouth can reach it from a reachable place of the
-    axle. ``near_2`` is the square of the mouth's reach, cells. ``ways`` is -1 if there is no path.
+    axle. ``near_2`` is the square of the mouth's reach, cells. ``paths`` is -1 if there is no path.
     """
     near: cython.int = int(sqrt(near_2))
     rows: cython.int = dist.shape[0]
@@ -169,21 +173,21 @@ def mark_targets(
     for r in range(rows):
         for c in range(cols):
             path = dist[r, c]
-            if 0 <= path <= most:
-                ways[r, c] = path
+            if 0 <= path <= max_cost:
+                paths[r, c] = path
                 fresh: cython.int = 1 if done[r, c] == 0 else 0
                 target[r, c] = fresh
                 count += fresh
             else:
-                ways[r, c] = -1
+                paths[r, c] = -1
                 target[r, c] = 0
     for r in range(max(near, 1), rows - max(near, 1)):
         for c in range(max(near, 1), cols - max(near, 1)):
-            if ways[r, c] < 0 or (
-                ways[r - 1, c] >= 0
-                and ways[r + 1, c] >= 0
-                and ways[r, c - 1] >= 0
-                and ways[r, c + 1] >= 0
+            if paths[r, c] < 0 or (
+                paths[r - 1, c] >= 0
+                and paths[r + 1, c] >= 0
+                and paths[r, c - 1] >= 0
+                and paths[r, c + 1] >= 0
             ):
                 continue
             # only cells at the edge of the reachable area can reach targets outside this area
@@ -240,7 +244,7 @@ def weigh_pieces(
     target: Layer,
     open_: Layer,
     done: Layer,
-    ways: IntGrid,
+    paths: IntGrid,
     queue: Ints,
     return_cells: cython.double,
     small_cells: cython.int,
@@ -294,7 +298,7 @@ def weigh_pieces(
                             count += 1
                         elif (
                             target[y + i, x + j] == 0
-                            and ways[y + i, x + j] < 0
+                            and paths[y + i, x + j] < 0
                             and open_[y + i, x + j] > 0
                             and done[y + i, x + j] == 0
                         ):
@@ -309,14 +313,14 @@ def weigh_pieces(
 
 
 @cython.cdivision(False)  # noqa: FBT003 - a directive: an angle's remainder has Python's sign
-def scan_outlines(
+def scan_perimeters(
     open_: Layer,
-    ways: IntGrid,
+    paths: IntGrid,
     done: Layer,
     here_row: cython.double,
     here_col: cython.double,
     heading: cython.double,
-    prices: PerimeterCosts,
+    costs: PerimeterCosts,
     best: BestPerimeter,
 ) -> None:
     """Find the best place to begin a perimeter pass: at a wall with an unswept strip."""
@@ -327,10 +331,10 @@ def scan_outlines(
     fresh: cython.int
     seen: cython.int
     path: cython.double
-    near: cython.int = prices.beside_cells
+    near: cython.int = costs.beside_cells
     for r in range(near + 1, rows - near - 1):
         for c in range(near + 1, cols - near - 1):
-            if open_[r, c] != 1 or ways[r, c] < 0 or done[r, c] & _SWEPT:
+            if open_[r, c] != 1 or paths[r, c] < 0 or done[r, c] & _SWEPT:
                 continue
             fresh = seen = 0
             wall_x = wall_y = 0.0
@@ -344,20 +348,21 @@ def scan_outlines(
                     seen += 1
                     if not done[r + i, c + j] & (_SWEPT | _GIVEN_UP):
                         fresh += 1
+            # at least seven tenths of the floor beside the wall must be unswept
             if fresh * 10 < seen * 7 or (wall_x == 0.0 and wall_y == 0.0):
                 continue
-            path = ways[r, c]
-            time = path * prices.cost_cm / prices.speed_cm_s + 2.0 * prices.stop_s
-            time += prices.cells / prices.full_rate
+            path = paths[r, c]
+            time = path * costs.cost_cm / costs.speed_cm_s + 2.0 * costs.stop_s
+            time += costs.cells / costs.full_rate
             bearing = atan2(r + 0.5 - here_row, c + 0.5 - here_col)
-            if path > prices.near_cost:
+            if path > costs.near_cost:
                 off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
-                time += off * prices.turn_s_rad
-            rate = prices.cells / time
-            if rate < prices.min_rate:
+                time += off * costs.turn_s_rad
+            rate = costs.cells / time
+            if rate < costs.min_rate:
                 continue
-            far = max(path - prices.near_cost, 0.0) * prices.cost_cm / prices.speed_cm_s
-            score = prices.cells / (time + (prices.transit_share - 1.0) * far)
+            far = max(path - costs.near_cost, 0.0) * costs.cost_cm / costs.speed_cm_s
+            score = costs.cells / (time + (costs.transit_share - 1.0) * far)
             if score > best.score:
                 best.score = score
                 best.rate = rate

@@ -23,6 +23,7 @@ class Braking:
     decel: float
     """Deceleration, m/s² (rad/s²)."""
     latency_s: float = 0.0
+    """Time from a stop command to the deceleration, s: τ."""
     creep: float = 0.0
     """Minimum approach speed, m/s (rad/s). At a lower speed, static friction stops the wheels."""
 
@@ -40,8 +41,10 @@ class Braking:
 
         The equation d = v·τ + v²/2a gives v = sqrt((aτ)² + 2ad) - aτ.
         """
-        push = self.decel * self.latency_s
-        fastest = math.sqrt(push * push + 2.0 * self.decel * max(distance, 0.0)) - push
+        lag_speed = self.decel * self.latency_s
+        fastest = (
+            math.sqrt(lag_speed * lag_speed + 2.0 * self.decel * max(distance, 0.0)) - lag_speed
+        )
         return max(fastest, self.creep)
 
     def run_out(self, speed: float) -> float:

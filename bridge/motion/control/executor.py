@@ -30,8 +30,8 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
-_POINT_M = 1e-6
-"""Minimum radius of an arc, m. A turn with a smaller radius is a turn in place."""
+_MIN_RADIUS_M = 1e-6
+"""Lower bound of an arc's radius, m. It avoids a division by zero."""
 _MAX_STEP_S = 0.1
 """Maximum time between control steps, s. Filters and timeouts ignore the time beyond it, for
 example after a pause."""
@@ -271,12 +271,12 @@ class LegExecutor:
 
     def _arc(self, leg: Turn, obs: Observation, rate: float, dt: float) -> VelocityCommand:
         error = _remaining_rad(leg, obs)
-        radius = max(self._arc_radius_m(leg, obs, error), _POINT_M)
+        radius = max(self._arc_radius_m(leg, obs, error), _MIN_RADIUS_M)
         speed = min(abs(rate) * radius, self._model.cruise_speed_m_s)
         # the robot turns no faster than its speed allows, so that it stays on the arc
         reached = self._smooth_v.output + self._model.max_accel_m_s2 * dt
-        most = max(min(speed, reached) / radius, self._tuning.min_turn_rad_s)
-        rate = math.copysign(min(abs(rate), most), error)
+        max_rate = max(min(speed, reached) / radius, self._tuning.min_turn_rad_s)
+        rate = math.copysign(min(abs(rate), max_rate), error)
         return self._send(min(speed, self._allowed(wary=False)), rate, dt)
 
     def _arc_radius_m(self, leg: Turn, obs: Observation, error: float) -> float:
@@ -311,12 +311,13 @@ class LegExecutor:
             if abs(rate) < tune.min_turn_rad_s:
                 rate = math.copysign(tune.min_turn_rad_s, command.bearing_error_rad)
         else:
-            most = self._approach(leg.stop_range_m, obs, dt, self._speed)
-            if most <= 0.0:
+            max_speed = self._approach(leg.stop_range_m, obs, dt, self._speed)
+            if max_speed <= 0.0:
                 return self._stop(StopReason.RANGE, obs, dt)
             speed = max(speed, self._brake.creep)
-            speed = min(speed, most, self._brake.speed(command.distance_m))
+            speed = min(speed, max_speed, self._brake.speed(command.distance_m))
             speed = min(speed, self._allowed(wary=False))
+        # metres and radians are added on purpose: driving and turning are both progress
         progress = self._along_m + obs.pose.theta_rad
         if self._stands(obs, dt) or self._stalled(progress, tune.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
@@ -357,8 +358,8 @@ class LegExecutor:
 
     def _allowed(self, *, wary: bool) -> float:
         """Return the maximum speed for known obstacles; ``wary``: also for suspected ones."""
-        most = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
-        return max(most, self._brake.creep)
+        limit = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
+        return max(limit, self._brake.creep)
 
     def _hit(self, obs: Observation) -> StopReason | None:
         if obs.cliff:
@@ -376,8 +377,8 @@ class LegExecutor:
         self._stood_s = self._stood_s + dt if obs.stands else 0.0
         return self._stood_s > self._tuning.stands_s
 
-    def _stalled(self, progress: float, least: float) -> bool:
-        if abs(progress - self._mark) > least:
+    def _stalled(self, progress: float, min_progress: float) -> bool:
+        if abs(progress - self._mark) > min_progress:
             self._mark = progress
             self._mark_s = self._elapsed_s
             return False

@@ -39,7 +39,7 @@ class HiddenAheadTuning:
     """Lateral margin of the expected contact, m."""
 
 
-_MOST = 4
+_MAX_STORED = 4
 """Maximum number of stored obstacles."""
 
 
@@ -48,7 +48,8 @@ def contact_speed(
 ) -> float:
     """Return the maximum present speed at which a contact with a point is harmless, m/s.
 
-    The speed is infinite if the footprint passes the point.
+    The speed is infinite if the footprint passes the point. The recovery planner's
+    ``evidence_kernels.speed_limit_m_s`` uses the same formula for each occupied cell.
 
     Args:
         aside_m: distance of the point from the line of motion, m.
@@ -62,11 +63,11 @@ def contact_speed(
         return math.inf
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
     touch = touch_m_s * rim_m / reach_m  # the component along the normal is v·cos β
-    push = brake.decel * brake.latency_s
+    lag_speed = brake.decel * brake.latency_s
     path_m = max(ahead_m - reach_m, 0.0)
     if not path_m:
         return touch
-    return max(math.sqrt((push + touch) ** 2 + 2.0 * brake.decel * path_m) - push, touch)
+    return max(math.sqrt((lag_speed + touch) ** 2 + 2.0 * brake.decel * path_m) - lag_speed, touch)
 
 
 class HiddenAhead:
@@ -89,7 +90,14 @@ class HiddenAhead:
         self._turned_rad = 0.0
 
     def update(self, raw_m: float | None, ahead_m: float, turn_rad: float) -> float:
-        """Return the maximum forward speed after a motion and a new reading, m/s."""
+        """Return the maximum forward speed after a motion and a new reading, m/s.
+
+        Args:
+            raw_m: ultrasonic range, m; None: no echo.
+            ahead_m: forward path since the last call, m.
+            turn_rad: turn since the last call, rad.
+
+        """
         for thing in self._things:
             thing[0] -= ahead_m
             thing[2] += turn_rad
@@ -132,4 +140,4 @@ class HiddenAhead:
             return
         if raw_m is None or raw_m > last + tune.lost_m:
             self._things.append([last + x_m, last * self._slope, 0.0])
-            del self._things[:-_MOST]
+            del self._things[:-_MAX_STORED]

@@ -11,9 +11,11 @@ class PidGains:
     """Gains in the paper's first form: u = Kp (e + 1/Ti ∫e dt + Td de/dt)."""
 
     kp: float
+    """Proportional gain, in the unit of the output per unit of the error."""
     ti_s: float = math.inf
     """Integral time, s; infinite: no integral part."""
     td_s: float = 0.0
+    """Derivative time, s; 0: no derivative part."""
 
     def __post_init__(self) -> None:
         """Reject invalid gains."""

@@ -20,15 +20,20 @@ overshoot at twice the dead time (``test_steering_response``)."""
 
 
 class PointCommand(NamedTuple):
-    """Output of the controller. A differential drive can follow ``vx`` and the yaw rate only."""
+    """Output of the controller.
+
+    The lateral velocity of the paper's transform is left out: a differential drive cannot follow
+    it.
+    """
 
     vx_m_s: float
-    vy_m_s: float
-    """Lateral velocity of the paper's transform, m/s. It is not used: the robot cannot drive
-    sideways."""
+    """Forward speed, m/s."""
     yaw_rate_rad_s: float
+    """Yaw rate, rad/s; positive: counter-clockwise."""
     distance_m: float
+    """Distance to the point, m."""
     bearing_error_rad: float
+    """Bearing of the point from the heading, rad; positive: to the left."""
 
 
 class PointToPointController:
@@ -76,4 +81,4 @@ class PointToPointController:
         speed = self._distance.update(distance, dt_s)
         rate = self._bearing.update(error, dt_s)
         vx = 0.0 if abs(error) > self._turn_in_place_rad else speed * math.cos(error)
-        return PointCommand(vx, speed * math.sin(error), rate, distance, error)
+        return PointCommand(vx, rate, distance, error)

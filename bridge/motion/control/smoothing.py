@@ -17,7 +17,8 @@ class VelocitySmoother:
     def __init__(self, max_accel: float, lowpass: float = 0.5) -> None:
         """Create a filter.
 
-        ``max_accel`` is per s²; ``lowpass`` is the paper's factor k in (0, 1].
+        ``max_accel`` is per s²; ``lowpass`` is the paper's factor k in (0, 1] for each call,
+        independent of ``dt_s``.
         """
         if not 0.0 < lowpass <= 1.0:
             raise ValueError(f"low-pass factor must be in (0, 1], not {lowpass!r}")
@@ -41,10 +42,10 @@ class VelocitySmoother:
         if dt_s <= 0.0:
             return self._output
         step = self._k * (target - self._output)
-        most = self._limit * dt_s
-        if step > most:
-            step = most
-        elif step < -most:
-            step = -most
+        limit = self._limit * dt_s
+        if step > limit:
+            step = limit
+        elif step < -limit:
+            step = -limit
         self._output += step
         return self._output

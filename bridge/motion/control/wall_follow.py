@@ -15,7 +15,12 @@ from bridge.motion.control.braking import BrakingTuning
 from bridge.motion.control.confirmed_range import ConfirmedRange
 from bridge.motion.estimation.noise_monitor import RangingNoise, RangingTuning
 from bridge.motion.estimation.wall_track import MAX_YAW_RAD, TrackTuning, WallTrack
-from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.observation import (
+    HALT,
+    INFRARED_PERIOD_S,
+    Observation,
+    VelocityCommand,
+)
 
 if TYPE_CHECKING:
     from bridge.motion.control.braking import Braking
@@ -51,8 +56,6 @@ class FollowStep(NamedTuple):
     command: VelocityCommand
     """Velocity before smoothing. The smoothing applies the acceleration limit."""
     state: FollowState
-    gap_m: float | None
-    """Gap between the rim and the wall, m; None: no wall."""
     yaw_rad: float
     """Heading minus the wall's direction, rad; positive: towards the wall."""
 
@@ -162,10 +165,6 @@ class FollowTuning:
     """Filter that estimates the wall."""
 
 
-_READING_S = 0.05
-"""Age from which an equal value counts as a new reading, s. Readings arrive at 20 Hz."""
-
-
 class WallFollower:
     """Drives along the wall on one side.
 
@@ -205,9 +204,9 @@ class WallFollower:
         mount = model.infrared_left if side is Side.LEFT else model.infrared_right
         self._mount = mount
         self._radius_m = model.radius_m
-        most = mount.max_range_m + abs(mount.y_m) - model.radius_m
-        if not 0.0 <= distance_m < most:
-            raise ValueError(f"wall distance must be in [0, {most:g}) m, not {distance_m!r}")
+        max_gap_m = mount.max_range_m + abs(mount.y_m) - model.radius_m
+        if not 0.0 <= distance_m < max_gap_m:
+            raise ValueError(f"wall distance must be in [0, {max_gap_m:g}) m, not {distance_m!r}")
         speed = model.cruise_speed_m_s if speed_m_s is None else speed_m_s
         if not speed > 0.0:
             raise ValueError(f"speed must be positive, not {speed!r}")
@@ -240,16 +239,6 @@ class WallFollower:
         self._felt_m = 0.0
         """Path since the beginning, for a wall that is followed by contact only, m."""
 
-    @property
-    def state(self) -> FollowState:
-        """State after the last step. Before the first step it is ``LOST``."""
-        return self._state
-
-    @property
-    def track(self) -> WallTrack:
-        """Estimate of the wall."""
-        return self._track
-
     def step(
         self, observation: Observation, dt_s: float, speed_limit_m_s: float = math.inf
     ) -> FollowStep:
@@ -266,9 +255,7 @@ class WallFollower:
         if self._state is FollowState.CORNER:
             self._straight_m = 0.0
         command = self._drive(observation, dt_s, speed_limit_m_s)
-        distance = self._track.distance_m
-        gap = None if distance is None else distance - self._radius_m
-        return FollowStep(command, self._state, gap, self._track.yaw_rad)
+        return FollowStep(command, self._state, self._track.yaw_rad)
 
     def go_round(self, ahead_m: float, aside_m: float) -> None:
         """Begin to circle a point in the body frame. ``aside_m`` is positive on the wall's side.
@@ -290,16 +277,16 @@ class WallFollower:
         room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
         bumped = obs.bumper_left or obs.bumper_right or obs.cliff
         if self._room.is_blocked or bumped:
-            return FollowStep(self._halt(), self._state, None, 0.0)
+            return FollowStep(self._halt(), self._state, 0.0)
         if self._turned_rad > self._tune.round_rad:
             self._state = FollowState.LOST
-            return FollowStep(HALT, self._state, None, 0.0)
+            return FollowStep(HALT, self._state, 0.0)
         self._state = FollowState.FOLLOWING
         min_bend_m = self._radius_m + self._tune.corner_gap_m
         bend_m = max(self._tune.feel_radii * self._radius_m - self._felt_m, min_bend_m)
         speed = min(speed, self._brake.speed(room))
         command = VelocityCommand(speed, self._side * min(speed / bend_m, self._max_rate))
-        return FollowStep(command, self._state, None, 0.0)
+        return FollowStep(command, self._state, 0.0)
 
     # -- sensing ---------------------------------------------------------------------------
 
@@ -316,7 +303,7 @@ class WallFollower:
     def _see(self, obs: Observation, dt_s: float, ahead_m: float, into_rad: float) -> None:
         range_m = obs.infrared_left_m if self._side is Side.LEFT else obs.infrared_right_m
         self._age_s += dt_s
-        fresh = range_m != self._last_range_m or self._age_s >= _READING_S
+        fresh = range_m != self._last_range_m or self._age_s >= INFRARED_PERIOD_S
         self._last_range_m = range_m
         if self._state is FollowState.CORNER:
             self._round(ahead_m, into_rad)
@@ -353,8 +340,8 @@ class WallFollower:
             self._track.begin(range_m)
             self._silent_s = 0.0
             return
-        self._silent_s += _READING_S
-        if self._silent_s < 1.5 * _READING_S:  # ignore a single missing reading
+        self._silent_s += INFRARED_PERIOD_S
+        if self._silent_s < 1.5 * INFRARED_PERIOD_S:  # ignore a single missing reading
             return
         self._silent_s = 0.0
         if expected is None:
@@ -363,7 +350,7 @@ class WallFollower:
             return
         # The end is between the last hit and the first missing reading, on average 1.5 reading
         # periods before the present reading.
-        behind = 1.5 * _READING_S * v_m_s
+        behind = 1.5 * INFRARED_PERIOD_S * v_m_s
         self._corner = (self._mount.x_m - behind, abs(self._mount.y_m) + expected)
         self._turned_rad = 0.0
         self._arcing = False
@@ -388,13 +375,15 @@ class WallFollower:
             return
         corner_x, corner_y = self._corner
         hit_x, hit_y = self._mount.x_m, abs(self._mount.y_m) + range_m
-        way = math.hypot(hit_x - corner_x, hit_y - corner_y)
-        if way < tune.jump_m or hit_y - corner_y > tune.find_radii * self._radius_m:
+        apart_m = math.hypot(hit_x - corner_x, hit_y - corner_y)
+        if apart_m < tune.jump_m or hit_y - corner_y > tune.find_radii * self._radius_m:
             return
         yaw = -math.atan2(hit_y - corner_y, hit_x - corner_x)
         if abs(yaw) > MAX_YAW_RAD - tune.yaw_margin_rad:
             return
-        self._track.begin(range_m, yaw, min(tune.corner_sigma_m / way, tune.max_corner_sigma_rad))
+        self._track.begin(
+            range_m, yaw, min(tune.corner_sigma_m / apart_m, tune.max_corner_sigma_rad)
+        )
         self._state = FollowState.FOLLOWING
 
     # -- driving ---------------------------------------------------------------------------
@@ -470,7 +459,10 @@ class WallFollower:
             self._corner = (share * x, share * y)
 
     def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
-        """Return True to turn away from the wall that presses the switch; None: blocked."""
+        """Return True to turn away from the wall that presses the switch.
+
+        False: no switch is pressed. None: an obstacle or a cliff is ahead.
+        """
         left = self._side is Side.LEFT
         near, other = obs.bumper_left, obs.bumper_right
         if not left:

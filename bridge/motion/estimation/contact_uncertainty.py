@@ -80,7 +80,7 @@ class ContactUncertainty:
 
     def _inflate_at_onset(self) -> None:
         tuning = self._tuning
-        if self._estimator.feels:
+        if self._estimator.detects_bumps:
             self._estimator.ekf.inflate(tuning.felt_sigma_m, tuning.felt_sigma_rad)
         else:
             self._estimator.ekf.inflate(tuning.bump_sigma_m, tuning.bump_sigma_rad)
@@ -92,11 +92,11 @@ class ContactUncertainty:
         left, right = pressed
         estimator, tuning, before_m = self._estimator, self._tuning, self._pressed_m
         self._pressed_m += path_m
-        one_half = left != right and self._pressed_m < tuning.stuck_m
-        if one_half:
+        one_switch = left != right and self._pressed_m < tuning.stuck_m
+        if one_switch:
             aside_m = tuning.slide_aside * path_m * (-1.0 if left else 1.0)
             estimator.ekf.shift(-tuning.slide_ahead * path_m, aside_m)
-        share = tuning.slide_share if one_half and estimator.feels else tuning.press_share
+        share = tuning.slide_share if one_switch and estimator.detects_bumps else tuning.press_share
         # The error is constant during the contact. So its standard deviation grows with the path,
         # not with the square root of the path.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)

@@ -20,11 +20,11 @@ cdef class SlipDetector:
 
 
 cdef class InertialBridge:
-    cdef public double vx_m_s, vy_m_s, age_s, given_back_m, unmade_m
-    cdef public bint cut, stalled
+    cdef public double vx_m_s, vy_m_s, age_s, restored_m, unconfirmed_m
+    cdef public bint clipped, stalled
     cdef double _agreed_s, _away_s, _away_m, _wheels_m_s, _gain_m_s, _withheld_m
     cdef double _into
     cdef object _tuning
 
     cpdef object push(self, double ahead, double aside, double yaw_rate, double dt_s)
-    cpdef bint over(self, double v_m_s, double dt_s)
+    cpdef bint has_ended(self, double v_m_s, double dt_s)

@@ -88,7 +88,7 @@ class BridgeTuning:
     large."""
     sigma_m: float = 0.0015
     """Standard deviation of the position after a bump with valid acceleration samples, m."""
-    cut_sigma_m: float = 0.006
+    clipped_sigma_m: float = 0.006
     """Standard deviation of the position after a bump with clipped acceleration samples, m."""
     sigma_rad: float = math.radians(0.05)
     """Standard deviation of the heading that a bump adds, rad."""
@@ -256,10 +256,10 @@ class InertialBridge:
         "_wheels_m_s",
         "_withheld_m",
         "age_s",
-        "cut",
-        "given_back_m",
+        "clipped",
+        "restored_m",
         "stalled",
-        "unmade_m",
+        "unconfirmed_m",
         "vx_m_s",
         "vy_m_s",
     )
@@ -269,12 +269,12 @@ class InertialBridge:
         self._tuning = tuning or BridgeTuning()
         self.vx_m_s, self.vy_m_s = v_m_s, 0.0
         self.age_s = 0.0
-        self.cut = False
+        self.clipped = False
         """True if a sample was clipped. The bump was then harder than measured."""
         self.stalled = False
-        self.given_back_m = 0.0
+        self.restored_m = 0.0
         """Wheel path that was not added during a stall although the robot drove it, m."""
-        self.unmade_m = 0.0
+        self.unconfirmed_m = 0.0
         """Wheel path since the last contact that the accelerometer does not confirm, m."""
         self._agreed_s = self._away_s = self._away_m = 0.0
         moves = abs(v_m_s) > self._tuning.away_m_s
@@ -286,12 +286,12 @@ class InertialBridge:
     def push(self, ahead: float, aside: float, yaw_rate: float, dt_s: float) -> tuple[float, float]:
         """Process a sample minus the offset. Return the path ahead and to the left, m."""
         self.age_s += dt_s
-        self.cut = self.cut or abs(ahead) > FULL_SCALE_M_S2 or abs(aside) > FULL_SCALE_M_S2
+        self.clipped = self.clipped or abs(ahead) > FULL_SCALE_M_S2 or abs(aside) > FULL_SCALE_M_S2
         before_x, before_y = self.vx_m_s, self.vy_m_s
         # In the rotating body frame: v' = a - ω × v
         self.vx_m_s += (ahead + yaw_rate * before_y) * dt_s
         self.vy_m_s += (aside - yaw_rate * before_x) * dt_s
-        if self.cut and self.vx_m_s * before_x < before_x * before_x:
+        if self.clipped and self.vx_m_s * before_x < before_x * before_x:
             # the bump was harder than the sensor can measure: the remaining forward speed may be
             # wrong
             self.vx_m_s *= 0.5
@@ -299,13 +299,13 @@ class InertialBridge:
             self._gain_m_s += ahead * dt_s
         if self.stalled or math.hypot(self.vx_m_s, self.vy_m_s) < self._tuning.stands_m_s:
             self.vx_m_s = self.vy_m_s = 0.0
-        self.unmade_m -= self.vx_m_s * dt_s
+        self.unconfirmed_m -= self.vx_m_s * dt_s
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
-    def over(self, v_m_s: float, dt_s: float) -> bool:
+    def has_ended(self, v_m_s: float, dt_s: float) -> bool:
         """Use the wheels' speed, m/s. Return True if it agrees with the inertial speed again."""
         tuning = self._tuning
-        self.unmade_m += v_m_s * dt_s
+        self.unconfirmed_m += v_m_s * dt_s
         if self.stalled:
             self._withheld_m += v_m_s * dt_s
             gain = v_m_s - self._wheels_m_s
@@ -313,14 +313,14 @@ class InertialBridge:
                 abs(gain) > tuning.gain_m_s
                 and tuning.min_gain_share < self._gain_m_s / gain < tuning.max_gain_share
             ):
-                self.given_back_m = self._withheld_m
+                self.restored_m = self._withheld_m
                 return True
         away = v_m_s * self._into < -tuning.away_m_s
         self._away_s = self._away_s + dt_s if away else 0.0
         self._away_m = self._away_m + v_m_s * dt_s if away else 0.0
         stands = math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * tuning.agree_m_s
         if self._away_s >= tuning.agree_s and stands:
-            self.given_back_m = self._away_m
+            self.restored_m = self._away_m
             return True
         agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < tuning.agree_m_s
         self._agreed_s = self._agreed_s + dt_s if agrees else 0.0

@@ -1,5 +1,5 @@
 cdef class Ekf:
-    cdef public object drift, joint_covariance, yaw_noise, way_noise
+    cdef public object drift, joint_covariance, yaw_noise, path_noise
     cdef public double x_m, y_m, theta_rad, heading_mark_rad
     cdef public list walls
     cdef public object slip_monitor

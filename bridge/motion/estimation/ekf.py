@@ -44,20 +44,28 @@ class Due:
     """Motion since the last prediction of the covariance."""
 
     dx: float = 0.0
+    """Displacement in the frame of the estimate, m."""
     dy: float = 0.0
-    way_cc: float = 0.0
+    """Displacement in the frame of the estimate, m."""
+    path_cc: float = 0.0
     """Path times cos² of the heading, m. Three such sums separate the noise along and across the
     path."""
-    way_cs: float = 0.0
-    way_ss: float = 0.0
+    path_cs: float = 0.0
+    """Path times cos · sin of the heading, m."""
+    path_ss: float = 0.0
+    """Path times sin² of the heading, m."""
     wheel_rotation: float = 0.0
     """Sum of the turns that the wheels measured because gyro samples were missing, rad."""
     turned: float = 0.0
+    """Sum of the absolute turns that the gyro measured, rad."""
     turning_s: float = 0.0
+    """Time in which the gyro was integrated, s."""
     rotation: float = 0.0
+    """Sum of the turns that the gyro measured, with their signs, rad."""
     warmed_c: float = 0.0
     """Rise of the chip's temperature, °C."""
     time_s: float = 0.0
+    """Duration, s."""
 
 
 class Ekf:
@@ -83,11 +91,12 @@ class Ekf:
         )
         self.walls: list[float] = []
         """Means of the landmarks; see ``wall_map``."""
-        self.yaw_noise, self.way_noise = NoiseScale(tuning), NoiseScale(tuning)
+        self.yaw_noise, self.path_noise = NoiseScale(tuning), NoiseScale(tuning)
         """Factors on the modelled noise of gyro and wheels, estimated from wall measurements."""
         self.slip_monitor = SlipMonitor(noise.along_m_sqrt_m, tuning)
         self.x_m, self.y_m, self.theta_rad = start
         self.heading_mark_rad = self.theta_rad
+        """Heading at the newest encoder sample, rad."""
         self.gyro_bias_rad_s = self.motion_bias_rad_s = self.gyro_scale = self.wheel_scale_error = (
             0.0
         )
@@ -119,11 +128,6 @@ class Ekf:
     def wheel_scale(self) -> float:
         """Ratio of the true path of a count to its nominal path, about 1."""
         return 1.0 + self.wheel_scale_error
-
-    @property
-    def wheel_scale_sigma(self) -> float:
-        """Standard deviation of the wheel scale."""
-        return math.sqrt(max(float(self.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE]), 0.0))
 
     @property
     def covariance(self) -> Covariance:
@@ -223,12 +227,12 @@ class Ekf:
         self._odometry = Pose2(
             x + chord * math.cos(between), y + chord * math.sin(between), theta + rotation
         )
-        due, way = self._due, abs(chord)
+        due, path_m = self._due, abs(chord)
         due.dx += dx
         due.dy += dy
-        due.way_cc += way * c * c
-        due.way_cs += way * c * s
-        due.way_ss += way * s * s
+        due.path_cc += path_m * c * c
+        due.path_cs += path_m * c * s
+        due.path_ss += path_m * s * s
         if by_wheels:
             due.wheel_rotation += abs(rotation)
         else:
@@ -263,11 +267,11 @@ class Ekf:
         self._inflate_for_wheels()
         along_m = self.slip_monitor.slippery * drift.along_m_sqrt_m
         across_m = self.across_m_sqrt_m
-        along = self.way_noise.value * along_m * along_m
-        across = self.way_noise.value * across_m * across_m
-        q[X, X] = along * due.way_cc + across * due.way_ss
-        q[Y, Y] = along * due.way_ss + across * due.way_cc
-        q[X, Y] = q[Y, X] = (along - across) * due.way_cs
+        along = self.path_noise.value * along_m * along_m
+        across = self.path_noise.value * across_m * across_m
+        q[X, X] = along * due.path_cc + across * due.path_ss
+        q[Y, Y] = along * due.path_ss + across * due.path_cc
+        q[X, Y] = q[Y, X] = (along - across) * due.path_cs
         walk = math.hypot(
             drift.gyro_walk_rad_sqrt_s,
             drift.gyro_shaken_rad_sqrt_s * self._shaken**self._tuning.walk_power,
@@ -281,11 +285,11 @@ class Ekf:
 
     def _inflate_for_wheels(self) -> None:
         """Add variance to the wheel scale if the wheels slip more than ever before."""
-        most = self.slip_monitor.mean_slippery
-        if most > self._worst_slip:
-            grown = most * most - self._worst_slip * self._worst_slip
+        worst = self.slip_monitor.mean_slippery
+        if worst > self._worst_slip:
+            grown = worst * worst - self._worst_slip * self._worst_slip
             self.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE] += grown * self.drift.wheel_scale**2
-            self._worst_slip = most
+            self._worst_slip = worst
 
     def warm(self, change_c: float) -> None:
         """Change the gyro bias with a change of the chip's temperature, °C."""
@@ -294,13 +298,15 @@ class Ekf:
 
     def shift(self, ahead_m: float, aside_m: float) -> None:
         """Move the position in the robot's frame, m."""
-        for way, side in ((ahead_m, 0.0), (aside_m, 0.5 * math.pi)):
+        for path_m, side in ((ahead_m, 0.0), (aside_m, 0.5 * math.pi)):
             heading = self.theta_rad + side
-            self.x_m += way * math.cos(heading)
-            self.y_m += way * math.sin(heading)
+            self.x_m += path_m * math.cos(heading)
+            self.y_m += path_m * math.sin(heading)
             x, y, theta = self._odometry
             turned = theta + side
-            self._odometry = Pose2(x + way * math.cos(turned), y + way * math.sin(turned), theta)
+            self._odometry = Pose2(
+                x + path_m * math.cos(turned), y + path_m * math.sin(turned), theta
+            )
 
     def inflate_for_vibration(self, vibration_m_s2: float) -> None:
         """Scale the gyro's noise with the vibration, m/s².
@@ -308,11 +314,11 @@ class Ekf:
         A new maximum inflates its bias and scale.
         """
         share = gyro_share(vibration_m_s2, self._tuning)
-        most = max(self._worst_shaken, share**self._tuning.bias_power)
-        if most > self._worst_shaken:
-            grown = most * most - self._worst_shaken * self._worst_shaken
+        worst = max(self._worst_shaken, share**self._tuning.bias_power)
+        if worst > self._worst_shaken:
+            grown = worst * worst - self._worst_shaken * self._worst_shaken
             p = self.joint_covariance.p
             p[MOTION_BIAS, MOTION_BIAS] += grown * self.drift.motion_bias_rad_s**2
             p[GYRO_SCALE, GYRO_SCALE] += grown * self.drift.gyro_scale**2
-            self._worst_shaken = most
+            self._worst_shaken = worst
         self._shaken = share

@@ -35,6 +35,6 @@ cdef class PoseEstimator:
     cpdef object _rotation(self, double t_s, double dt_s, double wheel_turn)
     cpdef object _feel(self, double t_s, double dt, double ahead, double aside)
     cpdef object _end_bridge(self, InertialBridge bridge)
-    cpdef double _gripping(self, double t_s, double dt, double left, double right, double rotation)
+    cpdef double _path_without_slip(self, double t_s, double dt, double left, double right, double rotation)
     cpdef object _note(self, object kind, double t_s, double size)
     cpdef object _update_bias(self, double mean_rad_s)

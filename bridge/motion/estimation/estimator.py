@@ -119,15 +119,18 @@ class PoseEstimator:
         return self.ekf.wheel_scale
 
     def pose_at(self, t_s: float) -> Pose2:
-        """Extrapolate the pose to a time near the newest encoder sample, s, with the speed."""
+        """Extrapolate the pose to a time near the newest encoder sample, s, with the speed.
+
+        Beyond 0.1 s from that sample, return the present pose.
+        """
         ahead_s = t_s - self._encoder_s
         if self._counts is None or not -IMU_GAP_S <= ahead_s <= IMU_GAP_S:
             return self.ekf.pose
-        way = self._speed * ahead_s
+        path_m = self._speed * ahead_s
         turn_s = ahead_s if self._imu_s is None else t_s - self._imu_s
         theta = self.ekf.theta_rad + self._yaw_rate * turn_s
         mid = theta - 0.5 * self._yaw_rate * ahead_s
-        x, y = self.ekf.x_m + way * math.cos(mid), self.ekf.y_m + way * math.sin(mid)
+        x, y = self.ekf.x_m + path_m * math.cos(mid), self.ekf.y_m + path_m * math.sin(mid)
         return Pose2(x, y, wrap_angle(theta))
 
     @property
@@ -156,7 +159,7 @@ class PoseEstimator:
         return tuple(self._disturbances)
 
     @property
-    def feels(self) -> bool:
+    def detects_bumps(self) -> bool:
         """True if the accelerometer is calibrated, so that bumps are detected."""
         return self._bumps.ready
 
@@ -184,14 +187,14 @@ class PoseEstimator:
         bridge = self._bridge
         if bridge is None:
             return
-        self.ekf.shift(bridge.unmade_m, 0.0)
-        self.ekf.inflate_along(self.tuning.bridge.release_share * abs(bridge.unmade_m))
+        self.ekf.shift(bridge.unconfirmed_m, 0.0)
+        self.ekf.inflate_along(self.tuning.bridge.release_share * abs(bridge.unconfirmed_m))
         self._end_bridge(bridge)
 
     def hold(self) -> None:
         """Discard the wheel counts since a bump, because the contact continues."""
         if self._bridge is not None:
-            self._bridge.unmade_m = 0.0
+            self._bridge.unconfirmed_m = 0.0
 
     # -- samples ---------------------------------------------------------------------------
 
@@ -290,13 +293,13 @@ class PoseEstimator:
         rotation, by_wheels = self._rotation(t_s, dt, (right - left) / self._model.wheel_base_m)
         if self._bridge is not None:
             travel = 0.0
-            if self._bridge.over(self._speed, dt):
-                travel = self._bridge.given_back_m
+            if self._bridge.has_ended(self._speed, dt):
+                travel = self._bridge.restored_m
                 self._end_bridge(self._bridge)
             elif self._bridge.stalled:
                 self._note(DisturbanceKind.STALL, t_s, self._speed)
         elif not by_wheels:
-            travel = self._gripping(t_s, dt, left, right, rotation)
+            travel = self._path_without_slip(t_s, dt, left, right, rotation)
         if travel or rotation or self._turning_s:
             turning_s, self._turning_s = self._turning_s, 0.0
             chord = travel * sinc(0.5 * rotation)
@@ -341,8 +344,8 @@ class PoseEstimator:
         self.ekf.inflate_for_vibration(self._bumps.vibration_m_s2)
         if bridge is None:
             return
-        way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
-        self.ekf.shift(way_ahead, way_aside)
+        ahead_m, aside_m = bridge.push(ahead, aside, self._yaw_rate, dt)
+        self.ekf.shift(ahead_m, aside_m)
         # A velocity error σ causes a position variance of (σt)². It grows by 2σ²t·dt in each step.
         tuning = self.tuning.bridge
         sigma = tuning.sigma_m_s + tuning.sigma_m_s2 * bridge.age_s
@@ -350,10 +353,14 @@ class PoseEstimator:
 
     def _end_bridge(self, bridge: InertialBridge) -> None:
         tuning = self.tuning.bridge
-        self.ekf.inflate(tuning.cut_sigma_m if bridge.cut else tuning.sigma_m, tuning.sigma_rad)
+        self.ekf.inflate(
+            tuning.clipped_sigma_m if bridge.clipped else tuning.sigma_m, tuning.sigma_rad
+        )
         self._bridge = None
 
-    def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
+    def _path_without_slip(
+        self, t_s: float, dt: float, left: float, right: float, rotation: float
+    ) -> float:
         """Return the forward path, m. If a wheel slips, only the other wheel is used."""
         turn = rotation * self._model.wheel_base_m
         self.ekf.slip_monitor.update(left, right, turn)
@@ -365,10 +372,10 @@ class PoseEstimator:
             self._slipping = side
             kind = DisturbanceKind.SLIP_RIGHT if side > 0 else DisturbanceKind.SLIP_LEFT
             self._note(kind, t_s, abs(right - left - turn) / dt)
-        way = left + 0.5 * turn if side > 0 else right - 0.5 * turn
+        path_m = left + 0.5 * turn if side > 0 else right - 0.5 * turn
         share = self.tuning.disturbance.slip_sigma_share
-        self.ekf.inflate_along(share * abs(0.5 * (left + right) - way))
-        return way
+        self.ekf.inflate_along(share * abs(0.5 * (left + right) - path_m))
+        return path_m
 
     def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:
         last = self._disturbances[-1] if self._disturbances else None

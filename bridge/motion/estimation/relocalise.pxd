@@ -6,7 +6,7 @@ cdef class Relocaliser:
     cdef public object walls
     cdef public object yaw_fixes, position_fixes
 
-    cpdef object _place(self, object t_s)
+    cpdef object _place(self, double t_s)
 
 
 cdef class _Nearness:

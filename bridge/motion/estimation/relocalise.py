@@ -27,6 +27,7 @@ milliseconds, and no ultrasonic sensor pings every 5 ms."""
 MAX_ECHO_AGE_S = IMU_GAP_S
 """Maximum age of an ultrasonic range that is used, s. It is the limit of the pose extrapolation."""
 _READINGS = 5
+"""Number of readings in the median of a side."""
 
 
 class Relocaliser:
@@ -66,20 +67,19 @@ class Relocaliser:
         *,
         bumper_left: bool,
         bumper_right: bool,
-        t_s: float | None = None,
+        t_s: float,
         ultrasonic_age_s: float | None = None,
     ) -> None:
         """Use the readings of range sensors and bumper.
 
         ``t_s`` is the time of the infrared ranges on the clock of the estimator's samples, s.
-        Without ``t_s``, the time of the newest encoder sample is used; at cruise speed the error is
-        up to 4 mm. ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without
-        it, a mean age is used.
+        ``ultrasonic_age_s`` is the time from the ultrasonic pulse to ``t_s``. Without it, a mean
+        age is used.
         """
         estimator, tuning, contact = self._estimator, self._tuning, self._contact_tuning
         grazing = any(
-            near.take(r) < most
-            for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
+            near.take(r) < graze_m
+            for near, r, graze_m in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
         )
         path_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
         self._grazed_m = path_m if grazing else self._grazed_m + path_m
@@ -99,23 +99,23 @@ class Relocaliser:
                 self.yaw_fixes += 1
                 self.position_fixes += 1
         fresh, age_s = self._echo(ultrasonic_m, t_s, ultrasonic_age_s)
-        if t_s is not None and fresh:
+        if fresh:
             seen_from = self._place(t_s - age_s)
         front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None:
             off_m = tuning.echo_age_sigma_s * estimator.v_m_s
             front = FrontMeasurement(
-                front.range_m - _ahead_m(seen_from, estimator.odometry),
+                front.range_m - seen_from.along_m(estimator.odometry),
                 front.variance + off_m * off_m,
             )
         if front is not None and self.walls.see_front(front, self._ultrasonic):
             self.position_fixes += 1
 
     def _echo(
-        self, ultrasonic_m: float | None, t_s: float | None, age_s: float | None
+        self, ultrasonic_m: float | None, t_s: float, age_s: float | None
     ) -> tuple[bool, float]:
         """Return True if a range is new, and its age, s."""
-        if t_s is None or age_s is None:
+        if age_s is None:
             fresh = ultrasonic_m != self._echo_m
             self._echo_m = ultrasonic_m
             return fresh, self._tuning.echo_age_s
@@ -124,12 +124,10 @@ class Relocaliser:
         self._pulse_s = pulse_s
         return fresh, age_s
 
-    def _place(self, t_s: float | None) -> Pose2:
+    def _place(self, t_s: float) -> Pose2:
         """Return the odometry extrapolated to the time of the reading."""
         estimator = self._estimator
         odometry = estimator.odometry
-        if t_s is None:
-            return odometry
         now, then = estimator.pose, estimator.pose_at(t_s)
         turn = odometry.theta_rad - now.theta_rad
         c, s = math.cos(turn), math.sin(turn)
@@ -161,9 +159,3 @@ class _Nearness:
 def _mean_m(line: LineMeasurement) -> float:
     """Return the distance to a wall from the middle of the measured piece, m."""
     return line.distance_m + 0.5 * line.span_m * math.cos(line.normal_rad)
-
-
-def _ahead_m(then: Pose2, now: Pose2) -> float:
-    """Return the path from one pose to another along the heading of the first pose, m."""
-    c, s = math.cos(then.theta_rad), math.sin(then.theta_rad)
-    return (now.x_m - then.x_m) * c + (now.y_m - then.y_m) * s

@@ -54,12 +54,12 @@ class ContactTuning:
     rub_m: float = 0.0005
     """Mean gap below which grazing may turn the measured wall direction towards the heading, m."""
     rub_rad: float = math.radians(1.5)
-    """Standard deviation of the wall direction with a gap below ``rub_m``, rad. Grazing seldom
-    turns the direction, but by up to 1.4°. It affects a measurement on the other side of the robot
-    too."""
+    """Standard deviation of the wall direction with a gap below ``rub_m``, or from ``grazed_m``,
+    rad. Grazing seldom turns the direction, but by up to 1.4°. It affects a measurement on the
+    other side of the robot too."""
     graze_rad: float = math.radians(0.4)
-    """Standard deviation of the wall direction with a gap above ``rub_m``, rad. Occasional grazing
-    turns the direction by 0.2 to 0.36°."""
+    """Standard deviation of the wall direction with a gap from ``rub_m`` to ``grazed_m``, rad.
+    Occasional grazing turns the direction by 0.2 to 0.36°."""
     grazed_m: float = 0.01
     """Minimum gap at which a measured wall cannot be the grazed wall, m."""
 

@@ -28,7 +28,7 @@ class FrameTuning:
     """Length below which a wall's direction counts as unknown, m."""
     sure_rad: float = math.radians(0.9)
     """Maximum standard deviation of the angle between two walls, rad."""
-    square_rad: float = math.radians(0.15)
+    orthogonal_rad: float = math.radians(0.15)
     """Standard deviation of the right angles in a well-built room, rad."""
     gate_sigmas: float = 2.5
     """Maximum difference of the angle from a multiple of 90°, in standard deviations."""
@@ -48,13 +48,17 @@ class Wall:
     """Data of a wall. Its direction and distance are states of the filter."""
 
     anchor_x_m: float
+    """Anchor point in the frame of the estimate, m."""
     anchor_y_m: float
+    """Anchor point in the frame of the estimate, m."""
     low_m: float
     """Start of the measured part of the wall, m, along (-sin α, cos α) from the anchor point."""
     high_m: float
     """End of the measured part of the wall, m."""
     seen_m: float = 0.0
+    """Sum of the lengths of the measured pieces, m."""
     measurements: int = 0
+    """Number of measurements."""
     frame: int = -1
     """Number of the wall's frame; -1: no frame."""
     number: int = 0
@@ -69,7 +73,7 @@ class Frames:
         self._tuning = tuning
         self._walls = walls
         self._newest = -1
-        self.widest = -1
+        self.longest = -1
         """Index of a wall in the frame with the largest measured length; -1: no frame."""
 
     def partner(
@@ -98,7 +102,7 @@ class Frames:
             if variance > (tuning.long_sure_rad if is_long else tuning.sure_rad) ** 2:
                 continue
             off = math.remainder(alphas[i] - alphas[j], _QUARTER)
-            sigma = math.sqrt(max(variance, 0.0) + tuning.square_rad**2)
+            sigma = math.sqrt(max(variance, 0.0) + tuning.orthogonal_rad**2)
             gate = tuning.long_gate_rad if is_long else tuning.gate_rad
             if abs(off) < min(tuning.gate_sigmas * sigma, gate):
                 found, longest = (j, off), other.seen_m
@@ -113,13 +117,13 @@ class Frames:
         for each in self._walls:
             if each.frame == before >= 0:
                 each.frame = other.frame
-        self.count()
+        self.find_longest()
 
-    def count(self) -> None:
+    def find_longest(self) -> None:
         """Find the frame with the largest length, after walls were joined or marginalised."""
         seen_m: dict[int, float] = {}
         for wall in self._walls:
             if wall.frame >= 0:
                 seen_m[wall.frame] = seen_m.get(wall.frame, 0.0) + wall.seen_m
-        most = max(seen_m, key=lambda frame: seen_m[frame], default=-1)
-        self.widest = next((i for i, w in enumerate(self._walls) if w.frame == most >= 0), -1)
+        frame = max(seen_m, key=lambda each: seen_m[each], default=-1)
+        self.longest = next((i for i, w in enumerate(self._walls) if w.frame == frame >= 0), -1)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 MAX_WALLS = 40
+"""Maximum number of walls in the map. A new wall then replaces another one."""
 _QUARTER = 0.5 * math.pi
 
 
@@ -65,8 +66,8 @@ class WallTuning:
     jump_rad: float = math.radians(1.2)
     """Maximum jump of an over-confident heading due to one piece of a wall, rad. A larger jump
     needs two successive pieces whose directions differ by less than this angle: one piece may
-    contain a step between two surfaces. With this limit the
-    coverage of four generated rooms rose from 98.4 to 99.7 %."""
+    contain a step between two surfaces. With this limit the coverage of four generated rooms rose
+    from 98.4 to 99.7 %."""
     new_sigma_rad: float = math.radians(1.2)
     """Maximum standard deviation of the direction of a new wall, rad."""
     apart_m: float = 0.5
@@ -98,7 +99,7 @@ class WallTuning:
     decreases less than the path, by a share of δ²/2."""
     front_new_m: float = 1.0
     """Maximum ultrasonic range of a new wall, m."""
-    front_square_rad: float = math.radians(6.0)
+    front_orthogonal_rad: float = math.radians(6.0)
     """Maximum angle to the normal of a known wall, rad. A surface that only the ultrasonic sensor
     measured is used within this angle."""
     frames: FrameTuning = field(default_factory=FrameTuning)
@@ -170,7 +171,7 @@ class WallMap:
         The walls of a frame are correlated, so one wall of the longest frame represents all. The
         value is at most 0.1 s old, because the covariance is.
         """
-        i = self._frames.widest
+        i = self._frames.longest
         if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
             return 0.0
         k = STATES + 2 * i
@@ -180,9 +181,10 @@ class WallMap:
     # -- measurements --------------------------------------------------------------------------
 
     def see_line(self, measurement: LineMeasurement) -> bool:
-        """Use a line that was measured at the present pose. Return True if it is a known wall.
+        """Use a line that was measured at the present pose.
 
-        If the line may be one of two surfaces, it updates only the heading.
+        Return True if it updated the pose as a measurement of a known wall. If the line may be one
+        of two surfaces, it updates only the heading.
         """
         self._check()
         ekf, tuning, pose = self._ekf, self._tuning, self._ekf.pose
@@ -194,7 +196,7 @@ class WallMap:
             dtype=np.float64,
         )
         best = self._match(measurement, pose, noise)
-        same = best is not None and self._hides(best.wall, measurement, pose, best.innovation)
+        same = best is not None and self._covers(best.wall, measurement, pose, best.innovation)
         if best is None or (best.chi2 > tuning.other_chi2 and not same):
             self._add_line(measurement, pose, noise)
             return False
@@ -207,7 +209,7 @@ class WallMap:
             return False
         if same or best.chi2 < tuning.same_chi2:
             ekf.yaw_noise.learn(off_rad**2 / float(best.expected[0, 0]))
-            ekf.way_noise.learn(off_m**2 / float(best.expected[1, 1]))
+            ekf.path_noise.learn(off_m**2 / float(best.expected[1, 1]))
         if best.chi2 > tuning.same_chi2:
             if not same:
                 return False
@@ -220,7 +222,7 @@ class WallMap:
         ekf.update(self._index(best.wall), best.rows, best.innovation, noise)
         self._extend(best.wall, measurement, ekf.pose)
         self._found = self.walls[best.wall]
-        self._square(best.wall)
+        self._make_orthogonal(best.wall)
         return True
 
     def _confirms(self, off_rad: float) -> bool:
@@ -245,7 +247,10 @@ class WallMap:
         )
 
     def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
-        """Use a distance to a surface ahead. Return True if the surface is a known wall."""
+        """Use a distance to a surface ahead.
+
+        Return True if it updated the pose as a measurement of a known wall.
+        """
         self._check()
         ekf, tuning = self._ekf, self._tuning
         pose = ekf.pose
@@ -293,7 +298,7 @@ class WallMap:
         wall.measurements += 1
         if wall.seen_m >= self._new_span_m:
             self._found = wall
-        self._square(best.wall)
+        self._make_orthogonal(best.wall)
         return True
 
     # -- internal ------------------------------------------------------------------------------
@@ -303,7 +308,7 @@ class WallMap:
         self._ekf.propagate_covariance()
         if 2 * len(self.walls) != len(self._ekf.walls):
             self.walls.clear()
-            self._frames.count()
+            self._frames.find_longest()
 
     def _match(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> _Match | None:
         """Return the wall with the smallest squared innovation, and the innovation of the next."""
@@ -344,7 +349,9 @@ class WallMap:
                 if match.chi2 < same_chi2 and self.walls[match.wall].seen_m >= self._new_span_m
             ]
             best = min(long, key=lambda match: match.chi2, default=best)
-        others = [m.chi2 for m in found if m is not best and not self._is_one(m.wall, best.wall)]
+        others = [
+            m.chi2 for m in found if m is not best and not self._is_same_wall(m.wall, best.wall)
+        ]
         return best._replace(second_chi2=min((*others, best.second_chi2)))
 
     def _straight_on(self, direction_rad: float) -> bool:
@@ -355,7 +362,7 @@ class WallMap:
         framed = [i for i, wall in enumerate(self.walls) if wall.frame >= 0]
         return not framed or any(
             abs(math.remainder(direction_rad - self.normal_rad(i), _QUARTER))
-            < self._tuning.front_square_rad
+            < self._tuning.front_orthogonal_rad
             for i in framed
         )
 
@@ -393,7 +400,7 @@ class WallMap:
         variance = skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance
 
-    def _is_one(self, i: int, j: int) -> bool:
+    def _is_same_wall(self, i: int, j: int) -> bool:
         """Return True if two walls with one normal are one wall, measured at two places in line.
 
         A place that only the ultrasonic sensor measured has no known direction. It belongs to a
@@ -433,7 +440,9 @@ class WallMap:
             and at + measurement.high_m > wall.low_m - apart_m
         )
 
-    def _hides(self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats) -> bool:
+    def _covers(
+        self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats
+    ) -> bool:
         """Return True if a measurement can only be this wall: no other is visible there."""
         tuning = self._tuning
         if abs(innovation[0]) > tuning.same_rad or abs(innovation[1]) > tuning.same_m:
@@ -450,7 +459,7 @@ class WallMap:
         wall.high_m = max(wall.high_m, at + measurement.high_m)
         wall.seen_m += measurement.span_m
         wall.measurements += 1
-        self._frames.count()
+        self._frames.find_longest()
 
     def _add_line(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> None:
         if (
@@ -495,7 +504,7 @@ class WallMap:
         self._ekf.walls += [alpha, 0.0]
         wall.number, self._made = self._made, self._made + 1
         self.walls.append(wall)
-        self._square(len(self.walls) - 1)
+        self._make_orthogonal(len(self.walls) - 1)
 
     def _drop(self) -> None:
         """Marginalise the wall with the smallest number of measurements."""
@@ -505,9 +514,9 @@ class WallMap:
         del self.walls[i]
         del self._ekf.walls[2 * i : 2 * i + 2]
         self._ekf.joint_covariance.marginalise(STATES + 2 * i, 2)
-        self._frames.count()
+        self._frames.find_longest()
 
-    def _square(self, i: int) -> None:
+    def _make_orthogonal(self, i: int) -> None:
         """Constrain a wall's direction to the direction of the longest orthogonal wall."""
         joint_covariance, alphas = self._ekf.joint_covariance, self._ekf.walls[::2]
         found = self._frames.partner(i, alphas, joint_covariance.p[STATES::2, STATES::2])
@@ -518,7 +527,7 @@ class WallMap:
         rows = np.array([[1.0, -1.0]])
         index = (STATES + 2 * i, STATES + 2 * partner)
         self._ekf.update(
-            index, rows, np.array([-error]), np.array([[self._tuning.frames.square_rad**2]])
+            index, rows, np.array([-error]), np.array([[self._tuning.frames.orthogonal_rad**2]])
         )
 
 

@@ -96,8 +96,11 @@ class LineMeasurement(NamedTuple):
     distance_m: float
     """Distance from the axle's centre along the normal, m."""
     var_normal: float
+    """Variance of the normal's direction, rad²."""
     covar: float
+    """Covariance of direction and distance, rad·m."""
     var_distance: float
+    """Variance of the distance, m²."""
     low_m: float
     """Start of the piece, m. Positions along the wall are measured from the foot of the normal.
     They increase counter-clockwise, as seen from the robot."""
@@ -126,6 +129,7 @@ class FrontMeasurement(NamedTuple):
     range_m: float
     """Distance from the sensor along the surface's normal, m. The normal is within the cone."""
     variance: float
+    """Variance of the distance, m²."""
 
 
 class _Hit(NamedTuple):

@@ -137,16 +137,18 @@ class WallTrack:
         self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, min_m))
         self.yaw_rad += turn
         slope = -ahead_m * math.cos(mid)
-        way = abs(ahead_m)
+        path_m = abs(ahead_m)
         # P' = F·P·Fᵀ + Q with d' = d + slope·ψ and ψ' = ψ - ahead·b
-        self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (tuning.path_share * way) ** 2
+        self._pdd += (
+            slope * (2.0 * self._pdy + slope * self._pyy) + (tuning.path_share * path_m) ** 2
+        )
         pdb = self._pdb + slope * self._pyb
         self._pdy += slope * self._pyy - ahead_m * pdb
-        turn_noise = tuning.turn_rad_sqrt_m**2 * way
+        turn_noise = tuning.turn_rad_sqrt_m**2 * path_m
         self._pyy += ahead_m * (ahead_m * self._pbb - 2.0 * self._pyb) + turn_noise
         self._pdb = pdb
         self._pyb -= ahead_m * self._pbb
-        self._pbb += tuning.bend_rad_m_sqrt_m**2 * way
+        self._pbb += tuning.bend_rad_m_sqrt_m**2 * path_m
 
     def expected_m(self) -> float | None:
         """Expected reading, m; None: no wall, or the angle of the beam is too large."""
@@ -181,8 +183,8 @@ class WallTrack:
         self.distance_m += to_d * gain * innovation
         self.yaw_rad += to_yaw * gain * innovation
         bend = self.bend_rad_m + to_bend * gain * innovation
-        most = self._tuning.max_bend / max(self.distance_m, _MIN_M)
-        self.bend_rad_m = max(min(bend, most), -most)
+        max_bend = self._tuning.max_bend / max(self.distance_m, _MIN_M)
+        self.bend_rad_m = max(min(bend, max_bend), -max_bend)
         self._pdd -= to_d * to_d * gain
         self._pdy -= to_d * to_yaw * gain
         self._pyy -= to_yaw * to_yaw * gain

@@ -114,13 +114,13 @@ def device_encoders(catalogue: Catalogue = CATALOGUE) -> dict[str, DeviceEncoder
     return {spec.name: DeviceEncoder(spec) for spec in catalogue}
 
 
-def catalogue_json(catalogue: Catalogue = CATALOGUE) -> str:
+def catalogue_json() -> str:
     """Return all declarations as JSON. A reader can decode the raw bytes with this text alone."""
     return json.dumps(
         {
             "protocol_version": PROTOCOL_VERSION,
-            "hash": f"{catalogue.hash:08x}",
-            "messages": [_message_json(spec) for spec in catalogue],
+            "hash": f"{CATALOGUE.hash:08x}",
+            "messages": [_message_json(spec) for spec in CATALOGUE],
         },
         indent=1,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from protocol.imu import GRAVITY_M_S2
 from protocol.messages.values import Contact, Fault
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ GRAVITY_SMOOTH_S = 2.0
 m/s²), so that subtracting it removes the bias."""
 JOLT_S = 1.0
 """Maximum time from a jolt to a cliff detection that counts as lifting, s."""
-_G_M_S2 = 9.80665
-"""Standard gravity, m/s²."""
 FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
 """Range of distance, m, and maximum mean speed, m/s, between two contacts that count as one
 contact. While the robot follows a wall, the switch closes three times per second. Before a real
@@ -89,7 +88,7 @@ class Lifted:
         self._jolt_s = -math.inf
         self._up = False
         self._imu: Imu | None = None
-        self._now_m_s2 = self._gravity_m_s2 = _G_M_S2
+        self._now_m_s2 = self._gravity_m_s2 = GRAVITY_M_S2
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Check the fault bit, and the cliff sensor after jolts."""

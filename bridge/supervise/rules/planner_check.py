@@ -9,7 +9,6 @@ continues from the device's own values, so one error causes only one finding.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -247,15 +246,9 @@ class PlannerCheck:
 def _go_on(lane: _Lane, inputs: RuleInputs, measured: Measured) -> None:
     """Extend a lane by one control step."""
     lane.far_m = max(lane.far_m, measured.distance_m)
-    lane.made_m = max(lane.made_m, _along(lane.start, inputs.pose))
+    lane.made_m = max(lane.made_m, lane.start.along_m(inputs.pose))
     if abs(measured.slip_m_s) > SLIPS_M_S:
         lane.uncertain_m += abs(measured.slip_m_s) * measured.step_s
     reading = inputs.range
     if reading is not None and reading.contacts & _BUMPERS:
         lane.uncertain_m += 0.5 * abs(measured.left_m + measured.right_m)
-
-
-def _along(start: Pose2, pose: Pose2) -> float:
-    """Return the distance of ``pose`` along the heading of ``start``, m."""
-    c, s = math.cos(start.theta_rad), math.sin(start.theta_rad)
-    return (pose.x_m - start.x_m) * c + (pose.y_m - start.y_m) * s

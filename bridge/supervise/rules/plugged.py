@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import PluggedRule
 
 _PARTS = ("grave", "holds", "evidence", "restart")
-"""Methods that a condition must have."""
+"""Attributes and methods that a condition must have."""
 
 
 class PluggedCondition:

@@ -170,7 +170,7 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
         PlotMissingError: matplotlib is not installed.
 
     """
-    if out.exists() and not force:
+    if out.is_file() and not force:
         raise OutputExistsError(out)
     runs = load_run(a), load_run(b)
     content = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from typing import TYPE_CHECKING
 
 from bridge.errors import BridgeError
@@ -33,11 +34,15 @@ def blank(width: float, height: float) -> Figure:
         PlotMissingError: matplotlib is not installed.
 
     """
+    chosen = os.environ.pop("MPLBACKEND", None)  # a display's; a wrong one fails the import
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError:
         raise PlotMissingError from None
+    finally:
+        if chosen is not None:
+            os.environ["MPLBACKEND"] = chosen
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure

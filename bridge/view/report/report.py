@@ -42,7 +42,7 @@ def write_report(
 
     """
     for path in (out, png):
-        if path is not None and path.exists() and not force:
+        if path is not None and path.is_file() and not force:
             raise OutputExistsError(path)
     data = load_run(log)
     found = rows.holes(data)

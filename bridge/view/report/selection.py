@@ -6,6 +6,7 @@ import statistics
 from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bridge.library.columns import number_cell
 from bridge.view.report.drawing import as_png, blank, drawn_text, svg, tidy
 from bridge.view.report.figures import BLUE, INK
 from bridge.view.report.page import Tile, document, gallery, table
@@ -204,16 +205,12 @@ def _draw(axes: Axes, groups: Sequence[Group], measure: ComparedColumn) -> None:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    def shown(column: str, form: str, factor: float = 1.0) -> str:
-        value = row[column]
-        return "-" if value is None else form.format(value * factor)
-
     return (
         *(str(row[name]) if row[name] is not None else "-" for name in ("date", "room", "planner")),
-        shown("seed", "{:.0f}"),
+        number_cell(row, "seed", "{:.0f}"),
         row["outcome"] or "-",
-        shown("coverage", "{:.2f}", 100.0),
-        shown("duration_s", "{:.0f}"),
-        shown("path_m", "{:.1f}"),
+        number_cell(row, "coverage", "{:.2f}", 100.0),
+        number_cell(row, "duration_s", "{:.0f}"),
+        number_cell(row, "path_m", "{:.1f}"),
         row["log"],
     )

@@ -101,7 +101,7 @@ def _draw_ranger(axes: Axes, name: str, mount: RangerMount, model: RobotModel) -
     _cone(axes, mount, 0.0, mount.min_range_m, color=_NEAR, alpha=0.35)
     axes.plot(mount.y_m, mount.x_m, "o", color=_CONE, ms=7, mec="white", zorder=7)
     at_m = min(0.5 * (model.radius_m + far_m), 1.75 * model.radius_m)
-    reach_m = max(at_m - mount.center_distance_m, 0.0)
+    reach_m = max(at_m - mount.centre_distance_m, 0.0)
     label_y = mount.y_m + reach_m * math.sin(mount.yaw_rad)
     label_x = mount.x_m + reach_m * math.cos(mount.yaw_rad)
     axes.annotate(

@@ -274,7 +274,7 @@ void commands_saved(firmware_t *firmware, bool saved)
     }
 }
 
-void commands_refuse(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us)
+void commands_reject(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us)
 {
     if (frame->type == SP_TYPE_VELOCITY_SETPOINT || frame->type == SP_TYPE_WHEEL_DUTY) {
         firmware->stale++;

@@ -11,7 +11,7 @@ void commands_use_key(firmware_t *firmware, const stored_t stored[FLASH_VALUES])
 void commands_challenge(firmware_t *firmware, int64_t now_us);
 
 /* Reject a frame without the required tag: send a Nack for a command, count a setpoint. */
-void commands_refuse(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us);
+void commands_reject(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us);
 
 /* Process a command: execute it once, reply each time. */
 void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us);

@@ -60,7 +60,7 @@ int control_fire(control_t *control, event_t event, unsigned holding)
     }
     const outcome_t outcome = modes_fire(&control->state, event, holding);
     if (!outcome.went) {
-        return outcome.refused ? outcome.reason : -1;
+        return outcome.rejected ? outcome.reason : -1;
     }
     if (event == EVENT_START) {
         control->planned = true;

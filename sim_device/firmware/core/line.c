@@ -152,7 +152,7 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
                     stamps_set(&line->can_receiver, &line->held.stamps);
                     return true;
                 }
-                line->refused++;
+                line->rejected++;
             } else {
                 held_note(&line->held, &line->can_receiver, &in);
             }
@@ -209,14 +209,14 @@ bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arr
                      : next_uart(line, inbox, frame, arrived_us)) {
         const sp_direction_t sender = sp_direction(frame->type);
         if (frame->version != SP_VERSION || sender == SP_FROM_DEVICE) {
-            line->refused++;
+            line->rejected++;
             continue;
         }
         line->intact += !line->can;
         if (sender == SP_FROM_HOST && genuine(line, frame)) {
             return true;
         }
-        line->refused++;
+        line->rejected++;
     }
     return false;
 }
@@ -250,5 +250,5 @@ void line_forget_limits(line_t *line)
 
 uint32_t line_damaged(const line_t *line)
 {
-    return line->refused + (line->can ? line->can_receiver.damaged : line->parser.damaged);
+    return line->rejected + (line->can ? line->can_receiver.damaged : line->parser.damaged);
 }

@@ -25,7 +25,7 @@ typedef struct {
     bool can;
     uint8_t frame[SP_FRAME_MAX]; /* frame that is being encoded */
     uint32_t intact;             /* number of complete frames, from a host or of unknown type */
-    uint32_t refused;            /* number of intact frames that the device has rejected */
+    uint32_t rejected;           /* number of intact frames that the device has rejected */
     uint32_t dropped;            /* number of outgoing messages dropped because a queue was full */
 
     sp_sender_t sender;

@@ -36,7 +36,7 @@ outcome_t modes_fire(state_t *state, event_t event, unsigned holding)
             continue;
         }
         if (row->outcome & REJECTED) {
-            outcome.refused = true;
+            outcome.rejected = true;
             outcome.reason = row->outcome & (uint8_t)~REJECTED;
         } else {
             outcome.went = true;

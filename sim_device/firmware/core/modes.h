@@ -33,7 +33,7 @@ enum {
 /* Outcome of an event: a new state, a rejection with its reason, or nothing. */
 typedef struct {
     bool went;
-    bool refused;
+    bool rejected;
     uint8_t reason; /* SP_NACK_REASON_*, if rejected */
 } outcome_t;
 

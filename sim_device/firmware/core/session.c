@@ -206,7 +206,7 @@ static bool for_us(const firmware_t *firmware, const sp_frame_t *frame)
 void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us)
 {
     if (!payloads_fit(&firmware->payloads, frame)) {
-        firmware->line.refused++;
+        firmware->line.rejected++;
         return;
     }
     if (!for_us(firmware, frame)) {
@@ -215,7 +215,7 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
     const bool keyed = firmware->line.authentication.keyed;
     const bool tagged = (frame->flags & SP_FLAG_AUTHENTICATED) != 0;
     if (keyed && !tagged && sp_needs_tag(frame->type)) {
-        commands_refuse(firmware, frame, arrived_us); /* it does not keep the session alive */
+        commands_reject(firmware, frame, arrived_us); /* it does not keep the session alive */
         return;
     }
     const uint8_t *const payload = frame->payload;

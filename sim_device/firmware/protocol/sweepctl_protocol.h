@@ -766,8 +766,8 @@ static inline uint8_t sp_status_setpoint_remaining_from_s(float value)
 #endif
 
 #if SP_WITH_IMU
-/* imu (0x13, device, 100 Hz): Raw MPU6050 registers (+-2 g, +-250 deg/s), in the chip's
- * order. */
+/* imu (0x13, device, 100 Hz): Raw counts in the MPU6050's register order; +-2 g, +-250 deg/s
+ * unless imu_info differs. */
 #define SP_TYPE_IMU 0x13u
 #define SP_IMU_SIZE 14u
 #define SP_IMU_HZ 100

@@ -24,7 +24,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.run.dead_man_switch import DIRECTIONS, TURN_RAD_S, DeadManSwitch
 from bridge.run.manual import Operator
-from bridge.run.snapshot import snapshot
+from bridge.run.snapshot import snapshot_to_dict
 from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
 from tools.live.live import Dashboard, EventLines
 
@@ -166,12 +166,12 @@ def test_a_snapshot_does_not_change_during_the_run() -> None:
     host, ends = made()
     assert ends.run(8.0, lambda: ends.moving)
     seen = host.snapshot(ends.host_ns)
-    known = json.dumps(snapshot(seen, 20.0)), repr(seen[:-1])
+    known = json.dumps(snapshot_to_dict(seen, 20.0)), repr(seen[:-1])
     ends.run(0.5)
     host.state.forget()
     host.session.unplugged(ends.host_ns)
     ends.run(0.5)
-    assert (json.dumps(snapshot(seen, 20.0)), repr(seen[:-1])) == known
+    assert (json.dumps(snapshot_to_dict(seen, 20.0)), repr(seen[:-1])) == known
     now = host.snapshot(ends.host_ns)
     assert now.state.imu is not seen.state.imu
     assert now.session.link.statistics.frames_in > seen.session.link.statistics.frames_in
@@ -196,7 +196,7 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
         picture = Dashboard(lambda: newest[0], EventLines(NullSink(), plain=False))
         console = Console(file=io.StringIO(), width=140, height=42)
         while not over.is_set():
-            reported = snapshot(newest[0], 20.0)
+            reported = snapshot_to_dict(newest[0], 20.0)
             assert (reported["imu"] is None) == ("imu" not in reported["age_s"])
             console.print(picture)
 

@@ -109,6 +109,15 @@ def test_unknown_floor_is_no_floor(tmp_path: Path) -> None:
         ({"image": "flat.yaml"}, "is no image that can be read"),
         ({"origin": "3"}, "origin: must be"),
         ({"negate": 7}, "negate: 7 is not 0 or 1"),
+        ({"occupied_thresh": 0.1}, "occupied_thresh: 0.1 is below free_thresh, 0.196"),
+        ({"image": '"m\\0.pgm"'}, "image: must be the name"),
+        ({"x": "2020-13-45"}, "flat.yaml is not valid YAML: line 7: '2020-13-45' is no timestamp"),
+        ({"resolution": "0x_"}, "line 2: '0x_' is no int"),
+        ({"resolution": "0b_"}, "line 2: '0b_' is no int"),
+        ({"x": "!!int foo"}, "'foo' is no int"),
+        ({"x": "!!bool foo"}, "'foo' is no bool"),
+        ({"x": "!!timestamp foo"}, "'foo' is no timestamp"),
+        ({"x": "["}, "line 8: expected the node content, but found '<stream end>'"),
         ({"free_thresh": 0.0001, "origin": "[0, 0, 0]"}, "no cell of the map is free"),
     ],
 )
@@ -217,6 +226,10 @@ def test_a_shape_named_room_is_the_walls(tmp_path: Path) -> None:
     ("text", "printed"),
     [
         ("<svg", "is not valid SVG"),
+        (
+            SVG.replace("translate(100 50)", "rotate(foo)"),
+            r"transform of g: 'rotate\(foo\)' is wrong",
+        ),
         ('<svg xmlns="http://www.w3.org/2000/svg"/>', "has no shape"),
         (SVG.replace('"furniture"', '"walls2"'), "3 shapes are named walls"),
     ],

@@ -115,5 +115,5 @@ def test_a_felt_wall_is_put_abeam_into_the_map() -> None:
     guess.add_bump(pose, left=True, right=False)
     abeam.add_bump(pose, left=True, right=False, abeam=1)
     at = 0.16 * math.sin(math.radians(76.0))
-    assert abeam.occupied(0.16 * math.cos(math.radians(76.0)), at, 0.03) > 0
-    assert guess.occupied(0.16 * math.cos(math.radians(76.0)), at, 0.03) == 0
+    assert abeam.count_occupied(0.16 * math.cos(math.radians(76.0)), at, 0.03) > 0
+    assert guess.count_occupied(0.16 * math.cos(math.radians(76.0)), at, 0.03) == 0

@@ -68,7 +68,7 @@ def test_a_planner_that_keeps_all_is_the_planner() -> None:
     done = driven(forgetful)
     assert done.poses != plain.poses
     assert done.finish_reason == plain.finish_reason
-    assert not forgetful.context.map.tried.any()
+    assert not forgetful.context.evidence_map.attempts.any()
 
 
 def test_a_block_stores_the_majority_of_its_cells() -> None:

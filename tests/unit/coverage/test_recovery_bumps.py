@@ -124,8 +124,8 @@ def test_clearing_bumps_keeps_observed_evidence() -> None:
     assert memory.clear_bumps(0.2)
     assert not memory.blocked.any()
     assert (memory.wall == walls).all()
-    assert not memory.tried[at(memory, 0.2, 0.0)]  # near the bump, one more try is allowed
-    assert memory.tried[at(memory, 1.5, 1.5)] == 1
+    assert not memory.attempts[at(memory, 0.2, 0.0)]  # near the bump, one more try is allowed
+    assert memory.attempts[at(memory, 1.5, 1.5)] == 1
     assert not memory.clear_bumps(0.2)
 
 
@@ -135,8 +135,8 @@ class Following:
     def __init__(self, bearing_deg: float = 0.0, *, model: RobotModel = MODEL) -> None:
         self.context = context_at(AT_REST._replace(pose=HERE), model)
         if bearing_deg:
-            standing(self.context.map, -75.0, 0.002)  # the followed wall
-            standing(self.context.map, bearing_deg)
+            standing(self.context.evidence_map, -75.0, 0.002)  # the followed wall
+            standing(self.context.evidence_map, bearing_deg)
 
     def speed_limit_m_s(self, side: int, v_m_s: float, yaw_rate_rad_s: float) -> float:
         """Return the speed limit at an observation along a wall on a side."""
@@ -211,18 +211,18 @@ def goes_on(context: RecoveryContext) -> bool:
 def test_before_the_end_bumps_are_cleared_once_and_again_after_new_floor() -> None:
     assert not goes_on(context_at())  # no bump, nothing to clear
     context = context_at()
-    context.map.add_bump(HERE, left=True, right=True)
+    context.evidence_map.add_bump(HERE, left=True, right=True)
     assert goes_on(context)
-    context.map.add_bump(HERE, left=True, right=True)
+    context.evidence_map.add_bump(HERE, left=True, right=True)
     assert not goes_on(context)
-    context.map.new_cells += 249
+    context.evidence_map.new_cells += 249
     assert not goes_on(context)
-    context.map.new_cells += 1
+    context.evidence_map.new_cells += 1
     assert goes_on(context)
 
 
 def bump(context: RecoveryContext) -> Generator[Leg, Step]:
-    context.map.add_bump(HERE, left=True, right=True)
+    context.evidence_map.add_bump(HERE, left=True, right=True)
     yield from ()
 
 

@@ -22,7 +22,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
-from support.recovery import context_at
+from support.recovery import choose, context_at
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -117,7 +117,7 @@ def test_abandoned_targets_are_removed() -> None:
 def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool) -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
-    pace = memory.pace(Pose2(away_m, 0.0, 0.0), 0, BRAKE, HiddenAheadTuning().touch_m_s)
+    pace = memory.speed_limit_m_s(Pose2(away_m, 0.0, 0.0), 0, BRAKE, HiddenAheadTuning().touch_m_s)
     assert pace == pytest.approx(0.10 if slow else MODEL.max_speed_m_s)
 
 
@@ -171,11 +171,11 @@ def test_floor_beyond_clears_a_forbidden_place() -> None:
 def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
     """A former place that is now forbidden does not mean that the evidence is wrong."""
     memory = driven(path_m=3.0)
-    memory.tried[:] = 9  # nothing remains to be swept
+    memory.attempts[:] = 9  # nothing remains to be swept
     for k in range(13):
         memory.add_cliff(Pose2(-0.2 * k, 0.0, QUARTER))
     chooser = Chooser(RecoveryOptions())
-    assert chooser.choose(memory, Pose2(-3.0, 0.01, 0.0), 0.0) is None
+    assert choose(chooser, memory, Pose2(-3.0, 0.01, 0.0), 0.0) is None
     assert not chooser.enclosed
 
 
@@ -187,7 +187,7 @@ def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
             memory.add_cliff(ORIGIN)
         else:
             memory.block(MODEL.radius_m, 0.0, 0.1)
-        choice = Chooser(RecoveryOptions()).choose(memory, Pose2(-0.1, 0.01, 0.0), 0.0)
+        choice = choose(Chooser(RecoveryOptions()), memory, Pose2(-0.1, 0.01, 0.0), 0.0)
         assert choice is not None
         kinds.append(choice.kind)
         memory.clear(ORIGIN, 0.0, 0.5)
@@ -198,17 +198,17 @@ def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     rows, cols = memory.shape
     window = SearchWindow(memory, (0, rows, 0, cols), 2, Buffers())
-    window.ways[:] = 7
-    assert window.perimeter_lengths is window.ways
+    window.paths[:] = 7
+    assert window.perimeter_lengths is window.paths
     memory.add_cliff(ORIGIN)
     window = SearchWindow(memory, (0, rows, 0, cols), 2, Buffers())
-    window.ways[:] = 7
+    window.paths[:] = 7
     rim = window.cell(MODEL.radius_m, 0.0)
     ways = window.perimeter_lengths
     assert ways[rim] == -1
     assert ways[rim[0] + 20, rim[1]] == -1
     assert ways[rim[0] + 22, rim[1]] == 7
-    assert window.ways[rim] == 7, "lanes may begin there"
+    assert window.paths[rim] == 7, "lanes may begin there"
 
 
 def ends(context: RecoveryContext, leg: Leg, x_m: float, time_s: float, *, cliff: bool) -> Step:
@@ -246,7 +246,7 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
     ways = [leg.distance_m for leg in legs if isinstance(leg, Drive)]
     assert ways == [-0.03] * backs + [-0.05]
     assert {leg.purpose for leg in legs} == {"back-off"}
-    assert context.map.cliffs.poses == [Pose2(0.41, 0.0, 0.0)]
+    assert context.evidence_map.cliffs.poses == [Pose2(0.41, 0.0, 0.0)]
 
 
 def test_backing_off_ends_if_no_floor_is_found() -> None:

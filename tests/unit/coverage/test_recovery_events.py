@@ -119,7 +119,7 @@ def test_the_end_of_a_leg_is_reported_with_its_place() -> None:
     ended = events.lane_ended(result, 0.0123)
     assert (ended.kind, ended.reason) == ("lane-end", "lane ended early: range")
     assert ended.data == {"length_m": 0.5, "new_cm2": 123}
-    met = events.obstacle_met(result)
+    met = events.obstacle_found(result)
     assert (met.kind, met.reason) == ("obstacle", "lane ended: range")
     assert met.data == {"x_m": 0.5, "y_m": 0.25}
 

@@ -80,7 +80,7 @@ def test_the_shortest_path_to_one_of_several_points_is_found_in_slices(slice_cel
 
 
 def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far() -> None:
-    options = RecoveryOptions(looks_m=(0.4, 1.2))
+    options = RecoveryOptions(search_lengths_m=(0.4, 1.2))
     chooser, memory, here = Chooser(options), swept_lane(options), Pose2(2.0, 0.0, 0.0)
     beside = [(1.6, 0.3), (1.2, 0.0), (0.2, 0.0)]
     assert in_slices(chooser.path_to(memory, here, beside[:1]))[0] is not None

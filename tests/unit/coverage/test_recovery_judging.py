@@ -34,8 +34,8 @@ def fruitless(context: RecoveryContext, count: int) -> None:
     for _ in range(count):
         choice = Choice("perimeter", (PLACE,), 0.0, 0.5)
         context.stuck.take(choice, 6, Pose2(*PLACE, 0.0), arrived=False)
-    for row, column in np.argwhere(context.map.tried).tolist():
-        context.map.tried[row, column] = 0
+    for row, column in np.argwhere(context.evidence_map.attempts).tolist():
+        context.evidence_map.attempts[row, column] = 0
     context.record.drain()
 
 
@@ -46,9 +46,9 @@ def blames(x_m: float, *, arrived: bool, fruitless_before: int = 0, new_cells: i
     fruitless(context, fruitless_before)
     choice = Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
     context.stuck.take(choice, new_cells, pose, arrived=arrived)
-    column, row = context.map.to_cells(*PLACE)
+    column, row = context.evidence_map.to_cells(*PLACE)
     reported = kinds(context) == ["abandon"]
-    assert reported == bool(context.map.tried[int(row), int(column)])
+    assert reported == bool(context.evidence_map.attempts[int(row), int(column)])
     return reported
 
 
@@ -98,7 +98,7 @@ class Blocked:
         """Report a lane that the robot does not reach."""
         yield from ()
         self.tries += 1
-        context.map.new_cells += self.floor
+        context.evidence_map.new_cells += self.floor
         leg = Drive(choice.heading_rad, 1.0)
         bumped = LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0))
         context.stuck.blocked(bumped, 0.0)
@@ -152,16 +152,16 @@ class AmongLegs(Blocked):
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
         """Enter both legs into the map."""
         for leg in self.LEGS:
-            context.map.add_point(*leg)
+            context.evidence_map.add_point(*leg)
         return super().approach(context)
 
     def known(self) -> list[int]:
         """Return the cells of each leg that are still occupied."""
-        return [self.context.map.occupied(*leg, 0.03) for leg in self.LEGS]
+        return [self.context.evidence_map.count_occupied(*leg, 0.03) for leg in self.LEGS]
 
     def shut(self) -> bool:
         """Return whether any place is still forbidden because the robot was blocked."""
-        return bool(self.context.map.blocked.any())
+        return bool(self.context.evidence_map.blocked.any())
 
 
 class Fruitless(AmongLegs):
@@ -194,7 +194,7 @@ class Wavering(Blocked):
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
         """Bump into an obstacle at once."""
-        context.map.add_bump(context.pose, left=True, right=True)
+        context.evidence_map.add_bump(context.pose, left=True, right=True)
         return super().approach(context)
 
     def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:

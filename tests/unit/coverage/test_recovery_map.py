@@ -15,13 +15,13 @@ from bridge.coverage.recovery.evidence_kernels import (
     bump_area,
     clear_body,
     fresh_ahead,
-    pace,
+    speed_limit_m_s,
     sweep,
 )
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.braking import Braking
-from bridge.motion.control.hidden_ahead import HiddenAheadTuning
+from bridge.motion.control.hidden_ahead import HiddenAheadTuning, contact_speed
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
@@ -130,7 +130,7 @@ def test_the_speed_limit_makes_contact_with_known_obstacles_soft() -> None:
     given = (0.02, 0.17, 0.17, 0.17, 0.026, 0.3, 0.0, 0.3)
 
     def at(x: float, y: float = 40.5, heading: float = 0.0) -> float:
-        return pace(wall, x, y, heading, *given)
+        return speed_limit_m_s(wall, x, y, heading, *given)
 
     assert at(40.5) == pytest.approx(0.3)  # the braking distance from 0.3 m/s is 0.15 m
     assert at(47.5) == pytest.approx(math.sqrt(0.026**2 + 2 * 0.3 * (0.26 - 0.17)))
@@ -144,14 +144,27 @@ def test_the_speed_limit_makes_contact_with_known_obstacles_soft() -> None:
     assert at(52.0) == pytest.approx(0.3)  # one reading is not enough
 
 
+@pytest.mark.parametrize("aside", [-0.16, -0.1, 0.0, 0.05, 0.14, 0.18])
+@pytest.mark.parametrize("ahead", [-0.1, 0.02, 0.1, 0.2, 0.3, 0.5])
+def test_the_map_limits_the_speed_as_a_hidden_obstacle_does(aside: float, ahead: float) -> None:
+    (wall,) = layers(81, 81, 1)
+    wall[40, 40] = 2
+    rim, touch, brake, fast = 0.17, 0.026, Braking(0.3, 0.1), 0.3
+    x, y = 40.5 - ahead / 0.02, 40.5 - aside / 0.02
+    known = speed_limit_m_s(
+        wall, x, y, 0.0, 0.02, rim, rim, rim, touch, brake.decel, brake.latency_s, fast
+    )
+    assert known == pytest.approx(min(contact_speed(abs(aside), ahead, rim, brake, touch), fast))
+
+
 def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     for k in range(40):
         memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
     pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HiddenAheadTuning().touch_m_s)
-    assert memory.pace(pose, -1, *limits) == pytest.approx(MODEL.max_speed_m_s)
-    assert memory.pace(pose, 0, *limits) < 0.2
-    assert memory.pace(Pose2(0.3, 0.0, -0.5 * math.pi), 0, *limits) < 0.03
+    assert memory.speed_limit_m_s(pose, -1, *limits) == pytest.approx(MODEL.max_speed_m_s)
+    assert memory.speed_limit_m_s(pose, 0, *limits) < 0.2
+    assert memory.speed_limit_m_s(Pose2(0.3, 0.0, -0.5 * math.pi), 0, *limits) < 0.03
 
 
 def test_the_infrared_maps_a_wall_where_it_stands() -> None:
@@ -197,5 +210,5 @@ def test_the_packed_map_holds_two_bits_a_cell() -> None:
 def test_a_map_packed_elsewhere_is_rejected() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     far = EvidenceMap(MODEL, RecoveryOptions(), Pose2(9.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="outside of the map"):
+    with pytest.raises(ValueError, match="not a part of this map"):
         memory.unpack(far.packed())

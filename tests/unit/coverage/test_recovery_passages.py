@@ -19,7 +19,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
-from support.recovery import context_at, kinds
+from support.recovery import choose, context_at, kinds
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -46,7 +46,7 @@ class AtDoor:
 
     def __init__(self) -> None:
         self.context = context_at(seen())
-        self.map = self.context.map
+        self.map = self.context.evidence_map
         self.map.swept[:] = 1
         self.stand(HERE)
 
@@ -161,9 +161,9 @@ def test_occupied_cells_are_counted_about_a_point() -> None:
     for x_m, y_m in ((1.0, 1.0), (1.0, 1.1), (1.1, 1.0), (1.15, 1.15), (-1.0, 1.0)):
         memory.add_point(x_m + 0.01, y_m + 0.01)
     memory.add_point(1.05, 1.05, weight=1)  # not certain
-    assert memory.occupied(1.01, 1.01, 0.15) == 3
-    assert memory.occupied(1.01, 1.01, 0.25) == 4
-    assert memory.occupied(0.0, 0.0, 0.5) == 0
+    assert memory.count_occupied(1.01, 1.01, 0.15) == 3
+    assert memory.count_occupied(1.01, 1.01, 0.25) == 4
+    assert memory.count_occupied(0.0, 0.0, 0.5) == 0
 
 
 def test_a_swept_wall_is_followed_farther_if_it_may_lead_to_a_passage() -> None:
@@ -197,12 +197,12 @@ def parted(cells: int) -> EvidenceMap:
 def test_evidence_that_separates_the_robot_from_its_past_encloses_it() -> None:
     for cells, enclosed in ((60, True), (40, False)):
         chooser = Chooser(OPTIONS)
-        assert chooser.choose(parted(cells), HERE, 0.0) is None
+        assert choose(chooser, parted(cells), HERE, 0.0) is None
         assert chooser.enclosed is enclosed
     memory = parted(60)
     memory.blocked[:] = 0
     chooser = Chooser(OPTIONS)
-    assert chooser.choose(memory, HERE, 0.0) is None
+    assert choose(chooser, memory, HERE, 0.0) is None
     assert not chooser.enclosed
 
 
@@ -212,15 +212,15 @@ def test_a_trail_along_a_wall_seen_later_does_not_count() -> None:
         memory = parted(60)
         getattr(memory, layer)[memory.visited > 0] = 1
         chooser = Chooser(OPTIONS)
-        assert chooser.choose(memory, HERE, 0.0) is None
+        assert choose(chooser, memory, HERE, 0.0) is None
         assert not chooser.enclosed
 
 
 def test_a_past_separation_is_not_reported_for_the_next_search() -> None:
     chooser = Chooser(OPTIONS)
-    chooser.choose(parted(60), HERE, 0.0)
+    choose(chooser, parted(60), HERE, 0.0)
     assert chooser.unreachable_at is not None
-    assert chooser.choose(EvidenceMap(MODEL, OPTIONS, HERE), HERE, 0.0) is not None
+    assert choose(chooser, EvidenceMap(MODEL, OPTIONS, HERE), HERE, 0.0) is not None
     assert chooser.unreachable_at is None
 
 
@@ -232,7 +232,7 @@ class Enclosed:
 
     def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
         """Find the line, and no wall."""
-        memory = context.map
+        memory = context.evidence_map
         row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
         memory.swept[:] = 1
         memory.visited[row, column - 110 : column - 40] = 1

@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
+from bridge.coverage.recovery.lane_kernels import BestLane, LaneCosts, scan_lanes
 from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.search import Chooser
-from bridge.coverage.recovery.travel_kernels import RING, TravelSearch, clear_line, travel, way_back
+from bridge.coverage.recovery.travel_kernels import (
+    RING,
+    TravelSearch,
+    clear_line,
+    trace_path,
+    travel,
+)
 from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.coverage.recovery.window_kernels import (
     CELL_WEIGHT,
@@ -25,12 +31,13 @@ from bridge.coverage.recovery.window_kernels import (
     copy_window,
     keep_holes,
     mark_targets,
-    scan_outlines,
+    scan_perimeters,
     weigh_pieces,
 )
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import choose
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation
@@ -98,12 +105,12 @@ def test_travel_in_slices_finds_the_same() -> None:
 def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``open_`` and ``done`` for the inner 9 × 9 cells of a map of 11 × 11 cells."""
     empty = np.zeros((11, 11), dtype=np.uint8)
-    inflated, blocked, visited, swept, wall, tried = (
+    inflated, blocked, visited, swept, wall, attempts = (
         layers.get(name, empty)
-        for name in ("inflated", "blocked", "visited", "swept", "wall", "tried")
+        for name in ("inflated", "blocked", "visited", "swept", "wall", "attempts")
     )
     open_, done = np.zeros((9, 9), dtype=np.uint8), np.zeros((9, 9), dtype=np.uint8)
-    copy_window(inflated, blocked, visited, swept, wall, tried, 2, 1, 1, open_, done)
+    copy_window(inflated, blocked, visited, swept, wall, attempts, 2, 1, 1, open_, done)
     return open_, done
 
 
@@ -126,9 +133,9 @@ def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
 
 
 def test_the_reason_identifies_the_action() -> None:
-    _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
+    _, done = window(swept=at(2, 2), attempts=at(3, 3, 2), wall=at(4, 4, 2))
     assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
-    _, done = window(tried=at(3, 3), wall=at(4, 4))
+    _, done = window(attempts=at(3, 3), wall=at(4, 4))
     assert not done.any()  # one fruitless attempt or one reading is not enough
 
 
@@ -159,7 +166,7 @@ def test_the_perimeter_pass_begins_beside_the_unswept_wall() -> None:
         BestPerimeter(),
         PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4, 4.0, 15.0),
     )
-    scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
+    scan_perimeters(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
     assert best.score > 0.0
     assert best.row == 8
     assert best.col >= 20
@@ -171,7 +178,7 @@ def test_the_path_has_few_corners_with_free_lines_between() -> None:
     open_[10:, 20] = 0
     dist = reach(open_, 35, 5)
     corners = np.zeros((50, 2), dtype=np.int32)
-    count = way_back(open_, dist, 35, 35, corners, CELLS)
+    count = trace_path(open_, dist, 35, 35, corners, CELLS)
     assert 3 <= count <= 6
     assert corners[0].tolist() == [35, 5]
     assert corners[count - 1].tolist() == [35, 35]
@@ -179,7 +186,7 @@ def test_the_path_has_few_corners_with_free_lines_between() -> None:
         (r0, c0), (r1, c1) = a.tolist(), b.tolist()
         beside = max(abs(r1 - r0), abs(c1 - c0)) == 1
         assert beside or clear_line(open_, r0, c0, r1, c1, 1)
-    assert way_back(open_, np.full_like(dist, -1), 35, 35, corners, CELLS) == 0
+    assert trace_path(open_, np.full_like(dist, -1), 35, 35, corners, CELLS) == 0
 
 
 def weighed(target: np.ndarray, *, done: np.ndarray | None = None) -> np.ndarray:
@@ -239,7 +246,7 @@ def best_lane(
     sums = np.zeros((2, target.shape[1]), dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading; transit costs its time
     costs = (20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0)
-    prices = LanePrices(*costs, 7, 10, lane_rows, transit_share, 15.0, 1)
+    prices = LaneCosts(*costs, 7, 10, lane_rows, transit_share, 15.0, 1)
     scan_lanes(target, ways, here[0], here[1], 0.0, prices, best, sums)
     return best
 
@@ -313,7 +320,7 @@ def test_a_small_piece_beside_the_robot_comes_before_a_long_lane() -> None:
     target[30:50, 60:190] = 1
     here = (13.0, 38.0)
     assert best_lane(target, here).row > 30
-    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 7, 1.0, 15.0, CELL_WEIGHT)
+    prices = LaneCosts(20.0, 1.0, 1.0, 2.0, 0.0, 2.0, 40.0, 7, 10, 7, 1.0, 15.0, CELL_WEIGHT)
     weights = (weighed(target) * CELL_WEIGHT).astype(np.uint8)
     row, col = np.indices(target.shape)
     ways = (10 * np.hypot(row - here[0], col - here[1])).astype(np.int32)
@@ -352,7 +359,7 @@ def test_a_hole_is_worth_returning_for_but_a_sliver_is_not() -> None:
         memory.swept[:] = 1
         column, row = (int(at) for at in memory.to_cells(2.4, 0.0))
         memory.swept[row : row + rows, column : column + cols] = 0
-        choice = Chooser(RecoveryOptions()).choose(memory, pose, 0.0)
+        choice = choose(Chooser(RecoveryOptions()), memory, pose, 0.0)
         assert (choice is not None) is taken
         if choice is not None:
             x, y = choice.path[-1]
@@ -364,13 +371,13 @@ def test_nothing_left_is_no_choice() -> None:
     options = RecoveryOptions()
     memory = EvidenceMap(RobotModel(), options, Pose2(0.0, 0.0, 0.0))
     memory.swept[:] = 1
-    assert Chooser(options).choose(memory, Pose2(0.0, 0.0, 0.0), 0.0) is None
+    assert choose(Chooser(options), memory, Pose2(0.0, 0.0, 0.0), 0.0) is None
 
 
 def test_lanes_follow_the_walls_direction() -> None:
     options = RecoveryOptions()
     memory = EvidenceMap(RobotModel(), options, Pose2(0.0, 0.0, 0.0))
-    choice = Chooser(options).choose(memory, Pose2(0.0, 0.0, 0.0), math.radians(30.0))
+    choice = choose(Chooser(options), memory, Pose2(0.0, 0.0, 0.0), math.radians(30.0))
     assert choice is not None
     assert choice.kind == "lane"
     turned = math.remainder(choice.heading_rad - math.radians(30.0), 0.5 * math.pi)

@@ -29,8 +29,8 @@ def context(*, free_m: float = 0.3) -> RecoveryContext:
     The floor beyond ``free_m`` ahead is not swept.
     """
     made = context_at(AT_REST._replace(pose=Pose2(0.0, 0.0, 0.0)), options=OPTIONS)
-    column, _ = made.map.to_cells(free_m, 0.0)
-    made.map.swept[:, : int(column) + 1] = 1
+    column, _ = made.evidence_map.to_cells(free_m, 0.0)
+    made.evidence_map.swept[:, : int(column) + 1] = 1
     return made
 
 
@@ -72,9 +72,9 @@ def test_the_arc_is_smaller_with_less_floor_ahead() -> None:
 
 def test_an_obstacle_on_the_path_prevents_the_turn() -> None:
     made = context()
-    made.map.add_point(0.07, 0.10)
-    made.map.add_point(0.07, 0.10)
-    made.map.add_point(0.25, 0.10)
+    made.evidence_map.add_point(0.07, 0.10)
+    made.evidence_map.add_point(0.07, 0.10)
+    made.evidence_map.add_point(0.25, 0.10)
     assert UTurn.into(made, lane(0.0, 0.14)) is None
 
 
@@ -170,8 +170,8 @@ def test_a_robot_that_has_passed_the_line_turns_in_place() -> None:
 
 def test_a_path_is_swept_only_within_the_map() -> None:
     made = context()
-    assert made.map.is_swept_path([(0.0, 0.0), (0.2, 0.1)])
-    assert not made.map.is_swept_path([(0.0, 0.0), (0.4, 0.0)])
-    assert not made.map.is_swept_path([(0.0, 0.0), (-99.0, 0.0)])
-    made.map.block(0.2, 0.1, 0.03)
-    assert not made.map.is_swept_path([(0.2, 0.1)])
+    assert made.evidence_map.is_swept_path([(0.0, 0.0), (0.2, 0.1)])
+    assert not made.evidence_map.is_swept_path([(0.0, 0.0), (0.4, 0.0)])
+    assert not made.evidence_map.is_swept_path([(0.0, 0.0), (-99.0, 0.0)])
+    made.evidence_map.block(0.2, 0.1, 0.03)
+    assert not made.evidence_map.is_swept_path([(0.2, 0.1)])

@@ -270,6 +270,8 @@ def test_selection_sorts_filters_and_takes_the_last(tmp_path: Path) -> None:
     best = "coverage = (SELECT max(coverage) FROM runs)"
     assert [row["seed"] for row in listed(tmp_path, where=best)] == [0]
     assert listed(tmp_path, where="seed = 1 -- a comment")[0]["seed"] == 1
+    (row,) = listed(tmp_path, where="UPPER(kind) LIKE '%E%' AND round(abs(coverage), 1) = 0.9")
+    assert row["seed"] == 0
 
 
 @pytest.mark.parametrize(
@@ -279,7 +281,9 @@ def test_selection_sorts_filters_and_takes_the_last(tmp_path: Path) -> None:
         ("coverage >", "not SQL over the columns"),
         ("1; DROP TABLE runs", "not SQL over the columns"),
         ("(SELECT count(*) FROM sqlite_master) > 0", "does more than read runs"),
-        ("load_extension('x')", "does more than read runs"),
+        ("load_extension('x')", "no function 'load_extension'; there are abs, avg,"),
+        ("randomblob(1000000000) IS NULL", "no function 'randomblob'"),
+        ("printf('%1000000000d', 1) IS NULL", "no function 'printf'"),
         ("date = ?", "not SQL over the columns"),
         (
             "EXISTS (WITH RECURSIVE n(i) AS (SELECT 1 UNION SELECT i + 1 FROM n) SELECT i FROM n)",

@@ -56,12 +56,12 @@ def test_the_wheel_that_counts_more_than_the_gyro_allows_slips(
 def test_bridging_ends_when_the_wheels_agree_again() -> None:
     bridge = InertialBridge(0.2)
     assert bridge.push(-10.0, 0.0, 0.0, 0.01) == pytest.approx((0.001, 0.0))
-    assert not bridge.over(0.2, 0.02)
+    assert not bridge.has_ended(0.2, 0.02)
     for _ in range(4):
         bridge.push(0.0, 0.0, 0.0, 0.01)
-    assert not bridge.over(0.11, 0.02)
-    assert not bridge.over(0.1, 0.02)
-    assert bridge.over(0.1, 0.02)
+    assert not bridge.has_ended(0.11, 0.02)
+    assert not bridge.has_ended(0.1, 0.02)
+    assert bridge.has_ended(0.1, 0.02)
 
 
 def test_a_turning_body_carries_its_velocity_in_the_room() -> None:
@@ -79,7 +79,7 @@ def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
     over = False
     for _ in range(30):
         bridge.push(0.0, 0.0, 0.0, 0.02)
-        over = over or bridge.over(0.15, 0.02)
+        over = over or bridge.has_ended(0.15, 0.02)
     assert bridge.stalled
     assert not over
     assert bridge.push(1.0, 1.0, 0.0, 0.02) == (0.0, 0.0)
@@ -91,22 +91,22 @@ def test_a_stall_ends_when_body_and_wheels_gain_equal_speed(*, follows: bool) ->
     bridge.push(-5.0, 0.0, 0.0, 0.01)  # a graze: the speed by acceleration is now too low
     for _ in range(30):
         bridge.push(0.0, 0.0, 0.0, 0.02)
-        assert not bridge.over(0.06, 0.02)
+        assert not bridge.has_ended(0.06, 0.02)
     assert bridge.stalled
     reported_m = 0.0
     for k in range(1, 20):
         speed = 0.06 + 0.008 * k  # 0.4 m/s²
         bridge.push(0.4 if follows else 0.0, 0.0, 0.0, 0.02)
         reported_m += 0.02 * speed
-        if bridge.over(speed, 0.02):
+        if bridge.has_ended(speed, 0.02):
             break
     # The speed increases by 0.05 m/s until the seventh step. During the end of the stall the path
     # of 5 cm/s was left out.
     assert (k == 7) is follows
     if follows:
-        assert reported_m <= bridge.given_back_m < reported_m + 0.01
+        assert reported_m <= bridge.restored_m < reported_m + 0.01
     else:
-        assert bridge.given_back_m == 0.0
+        assert bridge.restored_m == 0.0
 
 
 # ---- with the virtual plant ------------------------------------------------------------
@@ -175,10 +175,10 @@ def test_wheels_that_turn_away_from_an_obstacle_count(into: float) -> None:
     """The start is too gentle for the accelerometer, by which the robot would stand still."""
     bridge = InertialBridge(0.1 * into)
     bridge.push(-10.0 * into, 0.0, 0.0, 0.01)
-    assert not any(bridge.over(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"
-    over = [bridge.over(-0.03 * into, 0.02) for _ in range(3)]
+    assert not any(bridge.has_ended(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"
+    over = [bridge.has_ended(-0.03 * into, 0.02) for _ in range(3)]
     assert over == [False, False, True]
-    assert bridge.given_back_m == pytest.approx(-0.0018 * into), "what they went back meanwhile"
+    assert bridge.restored_m == pytest.approx(-0.0018 * into), "what they went back meanwhile"
 
 
 def test_a_bump_during_a_turn_in_place_has_no_known_direction() -> None:
@@ -187,7 +187,7 @@ def test_a_bump_during_a_turn_in_place_has_no_known_direction() -> None:
         bridge = InertialBridge(0.002)
         bridge.push(0.0, 5.0, 0.0, 0.01)
         bridge.push(0.0, -5.0, 0.0, 0.01)
-        assert not any(bridge.over(v_m_s, 0.02) for _ in range(5))
+        assert not any(bridge.has_ended(v_m_s, 0.02) for _ in range(5))
 
 
 @pytest.mark.parametrize("side", [0, 1])

@@ -13,6 +13,7 @@ from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.tuning import EstimationTuning
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from support.wheel_speeds import wheel_speeds_m_s
 
 MODEL = RobotModel()
 ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -49,7 +50,7 @@ class Drive:
             self.x += chord * math.cos(mid)
             self.y += chord * math.sin(mid)
             self.theta += 0.01 * w
-            left, right = MODEL.wheel_speeds_m_s(v, w)
+            left, right = wheel_speeds_m_s(MODEL, v, w)
             self.left += 0.01 * left
             self.right += 0.01 * right
             if imu:

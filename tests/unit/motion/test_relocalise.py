@@ -18,6 +18,7 @@ from bridge.motion.estimation.wall_map import WallMap, WallTuning
 from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from support.wheel_speeds import wheel_speeds_m_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,7 +110,7 @@ class World:
         self.truth = Pose2(
             x + 0.01 * v * math.cos(theta), y + 0.01 * v * math.sin(theta), theta + 0.01 * w
         )
-        left, right = MODEL.wheel_speeds_m_s(v, w)
+        left, right = wheel_speeds_m_s(MODEL, v, w)
         self.left += 0.01 * left * self.wheel_scale
         self.right += 0.01 * right * self.wheel_scale
         t = 0.01 * self.tick
@@ -121,7 +122,9 @@ class World:
                 estimator.on_encoders(t, *counts)
         if self.tick % 10 in {0, 5} and self.tick > 300:
             mounts = (MODEL.ultrasonic, MODEL.infrared_left, MODEL.infrared_right)
-            self.walls.update(*(self._look(mount) for mount in mounts), **FREE)
+            self.walls.update(
+                *(self._look(mount) for mount in mounts), **FREE, t_s=t, ultrasonic_age_s=0.0
+            )
             self._measure()
 
     def _look(self, mount: RangerMount) -> float | None:
@@ -203,7 +206,7 @@ def test_a_contact_inflates_once() -> None:
     walls = Relocaliser(MODEL, estimator)
     traces = []
     for touching in (False, True, True, False, True):
-        walls.update(None, None, None, bumper_left=touching, bumper_right=False)
+        walls.update(None, None, None, bumper_left=touching, bumper_right=False, t_s=0.0)
         traces.append(sum(estimator.covariance[i][i] for i in range(3)))
     assert traces[0] == 0.0
     assert traces[1] == traces[2] == traces[3] > 0.0
@@ -222,7 +225,8 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
             driven.drive(0.2, 0.0, 5)
             path_m = driven.estimator.odometry.distance_m(last)
             before = driven.estimator.covariance[1][1]
-            walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, **FREE)
+            range_m, t_s = touch + (0.02 if i < 10 - near else 0.002), 0.01 * driven.tick
+            walls.update(None, range_m, None, **FREE, t_s=t_s)
         sigma_m = 0.0007 * driven.estimator.ekf.slip_monitor.slippery * math.sqrt(path_m)
         added = driven.estimator.covariance[1][1] - before
         assert added == pytest.approx(inflated * sigma_m**2, rel=0.05, abs=1e-15)
@@ -330,7 +334,7 @@ def test_nothing_is_corrected_before_a_wall_gave_the_grid() -> None:
     estimator = PoseEstimator(MODEL, START)
     walls = Relocaliser(MODEL, estimator)
     for _ in range(200):
-        walls.update(0.5, 0.1, 0.1, **FREE)
+        walls.update(0.5, 0.1, 0.1, **FREE, t_s=0.0)
     assert (walls.yaw_fixes, walls.position_fixes) == (0, 0)
     assert estimator.pose == START
 
@@ -356,7 +360,7 @@ class Driven:
         self.drive(0.0, 0.0, 60)
 
     def drive(self, v: float, w: float, ticks: int) -> None:
-        left, right = MODEL.wheel_speeds_m_s(v, w)
+        left, right = wheel_speeds_m_s(MODEL, v, w)
         for _ in range(ticks):
             self.tick += 1
             self.left += 0.01 * left / MODEL.metres_per_count
@@ -443,7 +447,7 @@ def between_walls(right_m: float, left_m: float | None = None) -> tuple[Relocali
             estimator.on_encoders(t, counts, counts)
         if tick % 5 == 0:
             left = None if left_m is None else left_m + mount_m
-            places.update(None, left, right_m + mount_m, **FREE)
+            places.update(None, left, right_m + mount_m, **FREE, t_s=t)
     return places, estimator
 
 

@@ -313,7 +313,7 @@ def test_a_thin_leg_is_rounded_and_not_lost() -> None:
 def test_without_a_wall_it_is_lost_and_halts() -> None:
     follower = WallFollower(MODEL, Side.LEFT, 0.05)
     step = follower.step(sees(None), STEP_S)
-    assert step == FollowStep(HALT, FollowState.LOST, None, 0.0)
+    assert step == FollowStep(HALT, FollowState.LOST, 0.0)
 
 
 # ---- what stops it ---------------------------------------------------------------------

@@ -8,7 +8,7 @@ import random
 import numpy as np
 import pytest
 
-from bridge.motion.estimation.ekf import STATES, THETA
+from bridge.motion.estimation.ekf import STATES, THETA, WHEEL_SCALE
 from bridge.motion.estimation.wall_map import MAX_WALLS
 from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.robot_model import RobotModel
@@ -153,13 +153,13 @@ def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
     """
     room = Room()
     mount = MODEL.ultrasonic
-    scale = room.filter.wheel_scale_sigma
+    variance = room.filter.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE]
     for i in range(6):
         assert room.walls.see_front(FrontMeasurement(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
         room.filter.advance(0.1, 0.0, 0.5, 0.5, by_wheels=False)
         room.filter.propagate_covariance()
     assert room.filter.wheel_scale == 1.0
-    assert room.filter.wheel_scale_sigma == scale
+    assert room.filter.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE] == variance
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_the_wall_corrects_an_over_confident_estimate() -> None:
     room.believe(0.0, 0.02, 0.0)
     assert room.walls.see_line(line(math.pi / 2, 0.5))
     assert abs(room.filter.pose.y_m) < 0.005
-    assert room.filter.way_noise.value > 1.0
+    assert room.filter.path_noise.value > 1.0
 
 
 def test_memory_is_bounded_and_a_restart_clears_it() -> None:

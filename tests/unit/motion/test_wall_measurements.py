@@ -172,7 +172,6 @@ def test_lateral_slip_is_as_the_wheels_show(slip_m_sqrt_m: float, known: int) ->
     """A bow of 3.5 mm over 0.3 m is possible on a slippery floor, but not on a good one."""
     estimator = PoseEstimator(MODEL, ORIGIN)
     relocaliser = Relocaliser(MODEL, estimator)
-    free = {"bumper_left": False, "bumper_right": False}
     counts = 0.0
     for tick in range(201):
         driving = 50 <= tick <= 200
@@ -182,8 +181,11 @@ def test_lateral_slip_is_as_the_wheels_show(slip_m_sqrt_m: float, known: int) ->
         estimator.ekf.slip_monitor.variance_per_m = slip_m_sqrt_m**2
         if driving and tick % 5 == 0:
             share = 2.0 * (tick - 50) / 150 - 1.0
-            relocaliser.update(None, 0.1 - 0.0035 * (1.0 - share * share), None, **free)
-    relocaliser.update(None, None, None, **free)
+            range_m = 0.1 - 0.0035 * (1.0 - share * share)
+            relocaliser.update(
+                None, range_m, None, bumper_left=False, bumper_right=False, t_s=0.01 * tick
+            )
+    relocaliser.update(None, None, None, bumper_left=False, bumper_right=False, t_s=2.0)
     assert len(relocaliser.walls.walls) == known
 
 

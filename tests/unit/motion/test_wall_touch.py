@@ -54,13 +54,14 @@ def test_a_robot_that_comes_to_a_wall_grazes_it_without_pressing(start_gap_m: fl
             true_m = (distance - mount.x_m * math.sin(yaw)) / math.cos(yaw) - mount.y_m
             range_m = 0.00125 * round(true_m / 0.00125)
         seen = free._replace(time_s=i * STEP_S, pose=reported, infrared_left_m=range_m)
-        v, w = follower.step(seen, STEP_S).command
+        step = follower.step(seen, STEP_S)
+        v, w = step.command
         yaw += smooth.update(w, STEP_S) * STEP_S
         x_m, y_m = v * math.cos(yaw) * STEP_S, v * math.sin(yaw) * STEP_S
         reported = Pose2(reported.x_m + x_m, reported.y_m + y_m, yaw)
         not_made_m += max(RADIUS_M - (distance - y_m), 0.0)
         distance = max(distance - y_m, RADIUS_M)
         along_m += x_m if distance < RADIUS_M + 0.001 else 0.0
-    assert follower.state is FollowState.FOLLOWING
+    assert step.state is FollowState.FOLLOWING
     assert along_m > 1.5, "the robot grazes the wall over 1.5 m"
     assert not_made_m < 0.005 * along_m

@@ -103,12 +103,12 @@ def evidence_kernels(m: Any) -> list[object]:
         m.bump_area(blocked, x, y, bearing - 0.5, bearing + 0.4, 8.2)
         given.append(m.fresh_ahead(swept, x, y, theta, 2.0, 15.0, -3.0, 3.0))
         asked = (0.02, 0.17, 0.15, 0.17, 0.026, 0.3, 0.1, 0.3)
-        given.append(m.pace(wall, x, y, theta, *asked))
+        given.append(m.speed_limit_m_s(wall, x, y, theta, *asked))
     return [*given, swept, wall, inflated, visited, blocked]
 
 
-def lane_prices(m: Any) -> object:
-    return m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 7, 4.0, 5.0, 1)
+def lane_costs(m: Any) -> object:
+    return m.LaneCosts(20.0, 1.0, 0.9, 2.0, 1.5, 2.0, 40.0, 7, 10, 7, 4.0, 5.0, 1)
 
 
 def lane_kernels(m: Any) -> list[object]:
@@ -120,7 +120,7 @@ def lane_kernels(m: Any) -> list[object]:
         target, ways = np.zeros((70, 90), np.uint8), np.zeros((70, 90), np.int32)
         m.turn_images(target_in, ways_in, angle, -3.0, 5.0, target, ways)
         for heading in (0.0, 3.0):
-            best, prices = m.BestLane(), lane_prices(m)
+            best, prices = m.BestLane(), lane_costs(m)
             sums = np.zeros((2, 90), np.int32)
             m.scan_lanes(target, ways, 12.5, 40.0, heading, prices, best, sums)
             given += [*public(best), sums]
@@ -141,7 +141,7 @@ def travel_kernels(m: Any) -> list[object]:
         given += [settled, done, *public(search)]
     corners, cells = np.zeros((50, 2), np.int32), np.zeros(2000, np.int32)
     for row, col in ((10, 50), (45, 55), (20, 5), (1, 1)):
-        given += [m.way_back(open_, dist, row, col, corners, cells), corners.copy()]
+        given += [m.trace_path(open_, dist, row, col, corners, cells), corners.copy()]
         given.append(m.clear_line(open_, 20, 5, row, col, 1))
     return [*given, dist, counts]
 
@@ -163,7 +163,7 @@ def window_kernels(m: Any) -> list[object]:
             m.BestPerimeter(),
             m.PerimeterCosts(28.0, 0.85, 0.9, 500.0, 70.0, 2.0, 40.0, 4, 4.0, 1.0),
         )
-        m.scan_outlines(open_, ways, done, 20.0, 20.0, heading, prices, best)
+        m.scan_perimeters(open_, ways, done, 20.0, 20.0, heading, prices, best)
         given += public(best)
     marked = target.copy()
     given.append(m.keep_holes(target, hole, 4))

@@ -78,7 +78,7 @@ class Pair:
 
 def test_a_newer_device_is_read_as_far_as_the_host_has_its_schema() -> None:
     pair = Pair(device=catalogue(more=[LongerPower, Fan]))
-    assert pair.report == ["power: the device sends 1 more field(s), passed over"]
+    assert pair.report == ["power: the device sends 1 more field(s), which are ignored"]
     pair.ends.run(1.1)
     power = pair.latest("power")
     assert list(power) == ["battery", "logic", "motor_left", "motor_right"]
@@ -91,7 +91,7 @@ def test_a_newer_device_is_read_as_far_as_the_host_has_its_schema() -> None:
 
 def test_a_newer_device_obeys_commands_that_lack_its_last_field() -> None:
     pair = Pair(device=catalogue(more=[LongerMode]))
-    assert pair.report == ["set_mode: the device knows 1 more field(s), not sent to it"]
+    assert pair.report == ["set_mode: the device declares 1 more field(s), which are not sent"]
     assert pair.ask(lambda i: ClearStop(i, StopCause.SESSION_END)) is None
     assert pair.ask(lambda i: SetMode(i, Mode.VELOCITY)) is None
     assert pair.ends.device.firmware.mode is Mode.VELOCITY
@@ -179,8 +179,8 @@ def test_a_changed_field_before_an_appended_one_is_still_a_change() -> None:
 def test_everything_at_once() -> None:
     device = catalogue(less=[LinkCounters], more=[LongerPower, LongerMode, CoarseRange, Fan])
     assert Pair(device=device).report == [
-        "set_mode: the device knows 1 more field(s), not sent to it",
+        "set_mode: the device declares 1 more field(s), which are not sent",
         "range: the device declares other fields; disabled",
-        "power: the device sends 1 more field(s), passed over",
+        "power: the device sends 1 more field(s), which are ignored",
         "link_counters: the device does not have it; disabled",
     ]

@@ -11,6 +11,7 @@ import pytest
 from protocol.errors import UnknownMessageError
 from protocol.messages.device import Imu, LogText, Power, Range, Status
 from protocol.messages.host import SetMode, VelocitySetpoint
+from protocol.schema import lint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
 from protocol.schema.lint import findings
@@ -23,6 +24,7 @@ from protocol.schema.message import (
     message,
     specify,
 )
+from protocol.uart import framing
 
 RAW = number(U8, "count", "a number")
 
@@ -45,6 +47,10 @@ def with_more(cls: type[Message], *more: Field) -> MessageSpec:
     spec = CATALOGUE.spec(cls)
     fields = (*spec.fields, *more)
     return replace(spec, fields=fields, layout=layout(fields))
+
+
+def test_the_maximum_payload_is_that_of_a_frame() -> None:
+    assert lint.MAX_PAYLOAD == framing.MAX_PAYLOAD
 
 
 def test_ours_is_clean() -> None:
@@ -138,7 +144,7 @@ def test_types_of_parts_are_held_against_all_others() -> None:
         parts = tuple(CanPart(t, f"part {t}") for t in types)
         return findings([replace(s, can_parts=parts) if s.cls is Imu else s for s in CATALOGUE])
 
-    apart = "imu: CAN parts rank together: each type is one more than the one before"
+    apart = "imu: the types of CAN parts must be consecutive"
     assert findings_of(0x13, 0x14, 0x15) == []
     assert findings_of(0x13, 0x16, 0x29, 0x7F) == [
         "CAN part type 0x29 is declared 2 times",
@@ -153,7 +159,7 @@ def test_a_host_s_message_has_no_slow_part() -> None:
     spec = CATALOGUE.spec(VelocitySetpoint)
     parts = (CanPart(0x02, "one"), CanPart(0x03, "two", slow_us=1))
     assert findings([replace(spec, can_parts=parts)]) == [
-        "velocity_setpoint: a host's message has a slow CAN part: a device joins what comes at once"
+        "velocity_setpoint: a host's message has a slow CAN part: a device needs all parts at once"
     ]
 
 

@@ -24,7 +24,7 @@ from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.rotation import RotatingWriter
 from bridge.record.storage import RESERVE_BYTES, LogFile, hold_room, open_log_file
-from bridge.run.recording import LogFailureRule
+from bridge.run.log_failure import LogFailureRule
 from bridge.session.records import IdentityRecord, LogRecord, Severity
 from bridge.view.following import Follower
 from support.synthetic_run import EPOCH_NS, first_records, run_info, summary, synthetic_run

@@ -6,7 +6,7 @@ import math
 import os
 import struct
 import threading
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -14,16 +14,13 @@ from hypothesis import strategies as st
 
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import PortError
-from bridge.io.gamepad import Gamepad, PadLayout, PadState, Sticks
+from bridge.io.gamepad import Gamepad, PadLayout, PadState, Sticks, open_joystick
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man_switch import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadManSwitch
 from bridge.run.manual import DriveMode, Operator
 from support.observed import AT_REST
 from support.straight import Straight
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MODEL = RobotModel()
 
@@ -167,7 +164,14 @@ def test_sticks_and_buttons_of_the_kernels_events() -> None:
     assert pad.feed(event(0x81, 1, 1)) is False, "a button state at opening is not a press"
 
 
-def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
+def open_fifo(path: str) -> int:
+    return os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+
+
+def test_a_gamepad_drives_and_its_loss_releases_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bridge.io.gamepad.open_joystick", open_fifo)
     path = str(tmp_path / "js0")
     os.mkfifo(path)
     seen: list[Sticks] = []
@@ -199,6 +203,22 @@ def test_a_gamepad_drives_and_its_loss_releases_all(tmp_path: Path) -> None:
 def test_no_such_gamepad() -> None:
     with pytest.raises(PortError, match="plug in the gamepad"):
         Gamepad("/dev/input/js99", lambda _s: None, lambda: None)
+
+
+@pytest.mark.parametrize("kind", ["file", "fifo", "folder", "null"])
+def test_a_file_that_is_no_joystick_is_no_gamepad(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "js0"
+    if kind == "file":
+        path.write_bytes(event(1, 4, 1))
+    elif kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path = Path(os.devnull)
+    with pytest.raises(PortError, match="is no gamepad; give a joystick") as caught:
+        open_joystick(str(path))
+    assert caught.value.exit_status == 3
 
 
 # ---- a run under manual control ---------------------------------------------------------

@@ -33,6 +33,7 @@ from support.missions import (
     planned,
     seen,
     status,
+    stop_confirmed,
 )
 
 
@@ -288,11 +289,11 @@ def test_a_graver_stop_has_its_own_confirmation_awaited() -> None:
         Request("stop", StopCause.OPERATOR),
     ]
     mission.on_command(acknowledged(StopCause.SESSION_END), 4.6)
-    assert (phase(mission), mission.stop_confirmed) == (Phase.ENDING, False)
+    assert (phase(mission), stop_confirmed(mission)) == (Phase.ENDING, False)
     mission.step(None, None, 4.4 + END_TIMEOUT_S)
     assert phase(mission) is Phase.ENDING, "the timeout starts at the second request"
     mission.on_command(acknowledged(StopCause.OPERATOR), 5.45)
-    assert (phase(mission), mission.stop_confirmed) == (Phase.DONE, True)
+    assert (phase(mission), stop_confirmed(mission)) == (Phase.DONE, True)
     assert (mission.ending, mission.confirmed) == (STOP, StopCause.OPERATOR)
     assert mission.drive_ended_s == 4.0, "the first request ended the drive"
 
@@ -313,7 +314,7 @@ def test_a_graver_stop_right_after_the_end_is_still_sent() -> None:
     mission.requests()
     mission.request_end(STOP, 4.1)
     assert mission.requests() == [Request("stop", StopCause.OPERATOR)]
-    assert (phase(mission), mission.stop_confirmed) == (Phase.ENDING, False)
+    assert (phase(mission), stop_confirmed(mission)) == (Phase.ENDING, False)
     mission.on_command(acknowledged(StopCause.OPERATOR), 4.2)
     assert (phase(mission), mission.ending) == (Phase.DONE, STOP)
 

@@ -9,11 +9,12 @@ import pytest
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.run.mission import Mission, Phase, Request, Resume
+from bridge.run.onboard_mission import OnboardMission
 from protocol.messages.device import Status
 from protocol.messages.host import ClearStop, SetMode, Stop
-from protocol.messages.values import Mode, NackReason, StopCause
+from protocol.messages.values import Mode, NackReason, OnboardPlanner, StopCause
 from protocol.retransmission import Outcome
-from support.missions import phase
+from support.missions import phase, stop_confirmed
 from support.observed import AT_REST
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def resume_run(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK)
 def test_initial_state_of_a_mission() -> None:
     mission = made()
     assert (mission.phase, mission.done, mission.ending) == (Phase.WAITING, False, None)
-    assert (mission.asking, mission.stop_confirmed) == (False, False)
+    assert (mission.asking, stop_confirmed(mission)) == (False, False)
     assert {each.value for each in Resume} == {"never", "ask", "auto"}
     assert Request("mode", 1) == Request("mode", 1, planner=0)
 
@@ -145,7 +146,7 @@ def test_a_plan_that_ends_completes_the_run(reason: str | None, reported: str) -
     assert (mission.drive_started_s, mission.drive_ended_s) == (16.0, 20.0)
     assert not mission.done
     mission.on_command(accepted(Stop(3, 1)), 20.5)
-    assert (mission.done, mission.stop_confirmed) == (True, True)
+    assert (mission.done, stop_confirmed(mission)) == (True, True)
     assert mission.drive_ended_s == 20.0
 
 
@@ -160,7 +161,7 @@ def test_a_stop_that_was_rejected_is_not_confirmed() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "so", 0), 17.0)
     mission.on_command(accepted(Stop(3, 1), NackReason.FAULT), 17.1)
-    assert (mission.done, mission.stop_confirmed) == (True, False)
+    assert (mission.done, stop_confirmed(mission)) == (True, False)
 
 
 def test_the_wait_for_a_stop_ends_with_its_confirmation() -> None:
@@ -188,7 +189,12 @@ def test_after_its_end_nothing_begins_a_second_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("message", "what"), [(ClearStop(1, 1), "clear stop"), (SetMode(1, 1), "velocity mode")]
+    ("message", "what"),
+    [
+        (ClearStop(1, 1), "clear stop"),
+        (SetMode(1, Mode.VELOCITY), "velocity mode"),
+        (SetMode(1, Mode.ONBOARD), "onboard mode"),
+    ],
 )
 def test_rejected_and_unanswered_commands_are_named(
     message: ClearStop | SetMode, what: str
@@ -202,6 +208,15 @@ def test_rejected_and_unanswered_commands_are_named(
         assert mission.ending.exit_status == 4
         assert text is None or mission.ending.reason == text
         assert text or mission.ending.reason.startswith(f"the device rejected {what}: ")
+
+
+def test_a_rejected_onboard_mode_is_named() -> None:
+    mission = OnboardMission(OnboardPlanner.PAPER)
+    mission.on_ready(0.0)
+    mission.on_status(status(), 0.0)
+    assert mission.requests() == [Request("mode", Mode.ONBOARD)]
+    mission.on_command(accepted(SetMode(1, Mode.ONBOARD), NackReason.FAULT), 0.5)
+    assert ending(mission) == Ending("fault", "the device rejected onboard mode: fault", 4)
 
 
 def test_a_plan_is_given_once_and_only_to_a_run_that_waits() -> None:

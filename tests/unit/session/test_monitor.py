@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from bridge.session.monitor import Monitor, UnknownTypeError, as_text, texts
+from bridge.session.monitor import Monitor, Seen, TypeCount, UnknownTypeError, as_text, texts
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.messages.device import Encoders, Hello, ImuInfo, Sync
@@ -186,3 +186,23 @@ def test_a_silence_is_reported_once_and_again_after_it_was_broken(
     silences = [line for line in printed if "no messages" in line]
     assert silences == ["rates (Hz): no messages"] * 2
     assert any("encoders" in line for line in printed)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "now_s", "rate_hz"),
+    [
+        ((0.95, 1.95), 2.0, 1.0),
+        ((0.02, 1.02), 1.03, 1.0),
+        ((0.5,), 0.6, 1.0),
+        ((0.1, 0.1), 0.1, 2.0),
+        ((0.0, 1.0, 2.0), 2.0, 1.0),
+        ((1.0, 1.1, 1.2), 1.2, 10.0),
+        ((1.0, 1.1, 1.2), 2.5, 2.0),
+        ((0.0,), 3.0, 0.0),
+    ],
+)
+def test_a_rate_counts_intervals(times_s: tuple[float, ...], now_s: float, rate_hz: float) -> None:
+    count = TypeCount("hello")
+    for time_s in times_s:
+        count.add(Seen(round(time_s * 1e9), "message", "hello", 1, "device", 0, {}, "", b""))
+    assert count.rate_hz(round(now_s * 1e9), 0) == pytest.approx(rate_hz)

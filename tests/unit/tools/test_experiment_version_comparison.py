@@ -124,7 +124,7 @@ def test_every_number_of_the_configs_is_a_constant() -> None:
     assert known["walls.gate_m"] == WallTuning().gate_m
     assert known["follow.lookahead_m"] == 0.11, "the value that the executor uses"
     assert "motion.follow" not in known
-    assert "planner.looks_m" not in known
+    assert "planner.search_lengths_m" not in known
 
 
 def test_every_group_has_a_name_of_its_own() -> None:
@@ -142,7 +142,7 @@ def test_every_group_has_a_name_of_its_own() -> None:
 def test_a_scaled_constant_stays_of_its_kind_and_changes() -> None:
     assert scaled("planner.min_rate", 0.7) == pytest.approx(0.075)
     assert scaled("planner.max_fruitless", 0.7) == 14
-    assert (scaled("planner.again", 0.7), scaled("planner.again", 1.1)) == (1, 3)
+    assert [scaled("planner.blocks_to_close", factor) for factor in (0.7, 1.1)] == [1, 3]
 
 
 @pytest.mark.parametrize("name", constants())
@@ -158,11 +158,11 @@ def test_a_changed_constant_reaches_its_config_alone(name: str) -> None:
 def test_the_planner_computes_with_the_braking_of_the_executor() -> None:
     """Ahead of a table leg the planner allows less speed if the wheels respond later."""
     limits = []
-    for options in ("planner.tries=2", "braking.lag_s=0.3"):
+    for options in ("planner.max_attempts=2", "braking.lag_s=0.3"):
         planner = planner_of(Trial("empty", "recovery", "none", 0, options=options), RobotModel())
         assert isinstance(planner, RecoveryPlanner)
         planner.start(AT_REST)
-        planner.context.map.add_point(0.22, 0.0)
+        planner.context.evidence_map.add_point(0.22, 0.0)
         planner.observe(AT_REST)
         limits.append(planner.speed_limit_m_s)
     assert limits[1] < limits[0] < math.inf
@@ -170,12 +170,12 @@ def test_the_planner_computes_with_the_braking_of_the_executor() -> None:
 
 def test_trials_of_a_screening_are_the_defaults_and_each_change() -> None:
     base = [Trial(room, "recovery", "typical", 0) for room in ("case-1", "empty")]
-    trials = sensitivity_trials(base, ["planner.tries", "planner.min_rate"], [0.7, 1.4])
+    trials = sensitivity_trials(base, ["planner.max_attempts", "planner.min_rate"], [0.7, 1.4])
     assert trials[:2] == base
     assert len(trials) == 2 * (1 + 4)
     assert {t.kind for t in trials[2:]} == {TrialKind.SENSITIVITY}
     assert len({t.key for t in trials}) == len(trials)
-    assert "planner.tries=1" in trials[2].label
+    assert "planner.max_attempts=1" in trials[2].label
 
 
 def test_the_constant_with_the_largest_effect_comes_first() -> None:
@@ -188,10 +188,10 @@ def test_the_constant_with_the_largest_effect_comes_first() -> None:
     table = sensitivity_table(
         [
             *BEFORE,
-            *varied("planner.tries=1", 0.990, 0.980, 0.970),
+            *varied("planner.max_attempts=1", 0.990, 0.980, 0.970),
             *varied("planner.min_rate=0.15", 0.990, 0.980, 0.940),
         ]
     )
-    assert [line[0] for line in table.rows] == ["planner.min_rate", "planner.tries"]
+    assert [line[0] for line in table.rows] == ["planner.min_rate", "planner.max_attempts"]
     cells = dict(zip(table.head, table.rows[0], strict=False))
     assert (cells["pairs"], cells["worst"], cells["not complete"]) == ("3", "-3.00", "0")

@@ -25,21 +25,21 @@ def react(
     """
     if result.reason is StopReason.RANGE:
         point = result.pose.transform(context.geometry.range_point_m, 0.0)
-        context.map.add_point(*point)
-        context.record.emit(events.obstacle_met(result))
+        context.evidence_map.add_point(*point)
+        context.record.emit(events.obstacle_found(result))
     elif result.reason is StopReason.CLIFF:
-        context.map.add_cliff(context.monitor.cliff_at or result.pose)
-        context.record.emit(events.obstacle_met(result))
+        context.evidence_map.add_cliff(context.monitor.cliff_at or result.pose)
+        context.record.emit(events.obstacle_found(result))
         yield from _leave_cliff(context, heading_rad)
     elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
         both = not (result.bumper_left or result.bumper_right)
-        context.map.add_bump(
+        context.evidence_map.add_bump(
             result.pose,
             left=result.bumper_left or both,
             right=result.bumper_right or both,
             abeam=abeam,
         )
-        context.record.emit(events.obstacle_met(result))
+        context.record.emit(events.obstacle_found(result))
         back_m = context.options.back_off_m
         yield Drive(
             heading_rad, -back_m, speed_m_s=context.options.back_off_m_s, purpose="back-off"

@@ -42,7 +42,9 @@ class HeadingFix:
         ):
             return False
         points = [(start.x_m, start.y_m) for start in starts]
-        found = yield from context.in_slices(context.chooser.path_to(context.map, obs.pose, points))
+        found = yield from context.in_slices(
+            context.chooser.path_to(context.evidence_map, obs.pose, points)
+        )
         if found is None:
             self.due_s = context.obs.time_s + apart_s
             return False

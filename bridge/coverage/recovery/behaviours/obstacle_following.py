@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from typing import TYPE_CHECKING
 
-from bridge.coverage.planner import Step
 from bridge.coverage.recovery import events
 from bridge.coverage.recovery.behaviours.contact import react
 from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
@@ -13,11 +11,11 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Leg, LegResult, StopReason, Turn
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Part, Step
     from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Drive
-
-
-Part = Generator[Leg, Step, LegResult]
 
 
 def drive(context: RecoveryContext, leg: Drive | Turn) -> Part:
@@ -28,12 +26,12 @@ def drive(context: RecoveryContext, leg: Drive | Turn) -> Part:
     """
     monitor, is_lane = context.monitor, leg.purpose == "lane"
     monitor.on_lane, monitor.beside = is_lane, 0
-    before = context.map.new_cells
+    before = context.evidence_map.new_cells
     step = yield leg
     monitor.on_lane = False
     result = step.result
     if is_lane:
-        new_m2 = context.geometry.area_m2(context.map.new_cells - before)
+        new_m2 = context.geometry.area_m2(context.evidence_map.new_cells - before)
         context.record.emit(events.lane_ended(result, new_m2))
     if result.reason is StopReason.CANCELLED:
         context.record.decide("obstacle", "unknown wall beside the lane")
@@ -55,12 +53,12 @@ def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Le
     if not result.reason.blocked or result.reason is StopReason.CLIFF:
         return False
     pose = result.pose
-    bearing = context.map.bearing_rad(result)
+    bearing = context.evidence_map.bearing_rad(result)
     left = bearing > 0.0
     towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
     ahead_m, beside_m = context.geometry.contact_ahead_m, context.geometry.contact_beside_m
     if (
-        context.map.fresh(towards, ahead_m, (-beside_m, beside_m))
+        context.evidence_map.fresh(towards, ahead_m, (-beside_m, beside_m))
         < context.options.obstacle_unswept
     ):
         return False

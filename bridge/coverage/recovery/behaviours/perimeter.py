@@ -84,7 +84,7 @@ def follow_perimeter(
         if abeam:
             away = options.felt_rad
         else:
-            away = side * context.map.bearing_rad(result, beside=side if again else 0)
+            away = side * context.evidence_map.bearing_rad(result, beside=side if again else 0)
         away = max(QUARTER - away, min(options.min_away_rad * (1 + again), QUARTER))
         heading = result.pose.theta_rad - side * away
         ahead = Pose2(context.pose.x_m, context.pose.y_m, heading)

@@ -78,7 +78,7 @@ def sweep_perimeter(context: RecoveryContext, choice: Choice) -> Generator[Leg, 
 
 def choose(context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
     """Search for the lane or perimeter with the largest area per time; None: none is worth it."""
-    search = context.chooser.search(context.map, context.pose, context.monitor.grid_rad)
+    search = context.chooser.search(context.evidence_map, context.pose, context.monitor.grid_rad)
     return (yield from context.in_slices(search))
 
 

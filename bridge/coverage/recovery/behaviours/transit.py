@@ -107,7 +107,7 @@ def _seek_passage(
     if not context.stuck.seeks_passage(result, new_m2):
         return
     left = result.bumper_left
-    away = context.map.bearing_rad(result) + (-QUARTER if left else QUARTER)
+    away = context.evidence_map.bearing_rad(result) + (-QUARTER if left else QUARTER)
     yield from turn(context, result.pose.theta_rad + away)
     yield from follow_perimeter(
         context, left=left, touching=True, min_m=context.options.passage_m * context.geometry.scale

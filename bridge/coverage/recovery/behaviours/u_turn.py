@@ -57,7 +57,7 @@ class UTurn:
             return None
         for share in options.u_turn_radii:
             turn = cls(choice, across_m, max(-before_m, 0.0), share * abs(across_m))
-            if context.map.is_swept_path(turn.points(context.pose)):
+            if context.evidence_map.is_swept_path(turn.points(context.pose)):
                 return turn
         return None
 

@@ -8,19 +8,17 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from sim_device.body.battery import BatteryParameters
-from sim_device.body.motors import MotorParameters
 from sim_device.body.plant import DutyError
-from support.sim_body import duty, plant, room
+from support.sim_body import MOTOR, duty, plant, room, steady_rad_s, terminal_v
 
 MODEL = RobotModel()
-MOTOR = MotorParameters()
 RADIUS_M = 0.5 * MODEL.wheel_diameter_m
 CENTRE = room((10.0, 10.0, 0.0))
 
 
-def steady_rad_s(value: float) -> float:
-    terminal = MOTOR.terminal_v(value, MODEL.battery_v, MODEL.driver_drop_v)
-    return MOTOR.steady_rad_s(terminal)
+def duty_rad_s(value: float) -> float:
+    """Return the steady wheel speed of a duty with a full ideal battery."""
+    return steady_rad_s(terminal_v(value, MODEL.battery_v, MODEL.driver_drop_v))
 
 
 def test_a_step_of_duty_gives_a_first_order_response() -> None:
@@ -29,7 +27,7 @@ def test_a_step_of_duty_gives_a_first_order_response() -> None:
     for elapsed_ms in (1, 7, 50, 120):
         body.advance_ms(elapsed_ms - body.tick_ms)
         lag = 1.0 - math.exp(-0.001 * elapsed_ms / MOTOR.time_constant_s)
-        assert body.truth.left_rad_s == pytest.approx(steady_rad_s(0.6) * lag, rel=1e-9)
+        assert body.truth.left_rad_s == pytest.approx(duty_rad_s(0.6) * lag, rel=1e-9)
 
 
 def test_straight_ahead_it_drives_as_far_as_the_lag_implies() -> None:
@@ -37,12 +35,12 @@ def test_straight_ahead_it_drives_as_far_as_the_lag_implies() -> None:
     body.set_duty(0.6, 0.6)
     body.advance_ms(3000)
     tau = MOTOR.time_constant_s
-    distance = RADIUS_M * steady_rad_s(0.6) * (3.0 - tau * (1.0 - math.exp(-3.0 / tau)))
+    distance = RADIUS_M * duty_rad_s(0.6) * (3.0 - tau * (1.0 - math.exp(-3.0 / tau)))
     truth = body.truth
     assert truth.pose.x_m - 10.0 == pytest.approx(distance, rel=1e-9)
     assert truth.path_m == pytest.approx(distance, rel=1e-9)
     assert truth.pose.y_m == 10.0
-    assert truth.v_m_s == pytest.approx(RADIUS_M * steady_rad_s(0.6))
+    assert truth.v_m_s == pytest.approx(RADIUS_M * duty_rad_s(0.6))
 
 
 def test_unequal_wheels_drive_a_circle() -> None:
@@ -94,7 +92,7 @@ def test_a_duty_in_the_dead_band_moves_nothing(value: float) -> None:
     body.advance_ms(500)
     assert body.pose == CENTRE.start
     assert body.motor_currents_a[0] == pytest.approx(
-        MOTOR.terminal_v(value, 16.0, 1.9) / MOTOR.resistance_ohm
+        terminal_v(value, 16.0, 1.9) / MOTOR.resistance_ohm
     )
 
 
@@ -102,7 +100,7 @@ def test_duty_is_limited_and_must_be_finite() -> None:
     body = plant(CENTRE)
     body.set_duty(7.0, 7.0)
     body.advance_ms(1000)
-    assert body.truth.v_m_s == pytest.approx(RADIUS_M * steady_rad_s(1.0))
+    assert body.truth.v_m_s == pytest.approx(RADIUS_M * duty_rad_s(1.0))
     with pytest.raises(DutyError, match="finite"):
         body.set_duty(math.nan, 0.0)
 

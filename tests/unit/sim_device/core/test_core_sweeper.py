@@ -26,12 +26,12 @@ from protocol.messages.values import (
     ResetCause,
     StopCause,
 )
+from protocol.parameter_values import from_raw
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.device.modes import DeviceState
-from sim_device.device.parameters import from_raw
 from sim_device.faults.kinds import parse_fault
 from sim_device.faults.spec import FaultSpecError
 from sim_device.line.line import LineSettings

@@ -17,10 +17,11 @@ from protocol.messages.values import (
     PlannerPhase,
     StopCause,
 )
+from protocol.parameter_values import to_raw
 from sim_device.device.health import STALL_STOP_S
 from sim_device.device.modes import DeviceState
 from sim_device.device.onboard import AT_REST_US
-from sim_device.device.parameters import table, to_raw
+from sim_device.device.parameters import table
 from sim_device.sensors.rangers import Ranges
 from sim_device.sweeper import VirtualSweeper
 from support.ends import OPEN_FLOOR, REST_M_S

@@ -19,7 +19,8 @@ from protocol.messages.values import (
     RebootKind,
     StopCause,
 )
-from sim_device.device.parameters import ParameterStore, TableParameter, from_raw, table, to_raw
+from protocol.parameter_values import from_raw, to_raw
+from sim_device.device.parameters import ParameterStore, TableParameter, table
 from support.ends import REST_M_S
 from support.ready_device import F32, NUMBERS, U32, ReadyDevice, cruise, f32
 

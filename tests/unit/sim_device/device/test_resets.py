@@ -12,11 +12,12 @@ from bridge.motion.robot_model import RobotModel
 from protocol.messages.device import Ack, Encoders, Hello, Imu, Status, TimeReply
 from protocol.messages.host import SaveParameters, SetParameter, TimeRequest, VelocitySetpoint
 from protocol.messages.values import Mode, ParameterKind, ResetCause, StopCause
+from protocol.parameter_values import to_raw
 from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import BYTES_PER_MS, ERASE_MS, Flash
 from sim_device.device.modes import DeviceState
-from sim_device.device.parameters import table, to_raw
+from sim_device.device.parameters import table
 from sim_device.sweeper import (
     BOOT_US,
     WATCHDOG_US,

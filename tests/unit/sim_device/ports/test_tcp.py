@@ -106,7 +106,7 @@ def test_only_a_stop_is_accepted_from_a_second_client(served: Served, stack: Exi
     host.sendall(wire(TimeRequest(3)))
     served.until(TimeRequest(3))
     assert served.received == [HELLO, STOP, TimeRequest(3)]
-    assert rest(other).startswith(b"refused: this sweeper has a host already, 127.0.0.1:")
+    assert rest(other).startswith(b"rejected: this sweeper has a host already, 127.0.0.1:")
 
 
 def test_a_stop_needs_no_place_that_idle_clients_have_taken(

@@ -11,8 +11,8 @@ import pytest
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from protocol.imu import GRAVITY_M_S2
 from sim_device.noise import NOISE_LEVELS, NoiseLevel, UnknownNoiseLevelError, noise_level
-from sim_device.sensors.imu import GRAVITY_M_S2
 from sim_device.sensors.rangers import Rangers, Ranges
 from support.sim_body import box, duty, plant, room, sensors, world
 

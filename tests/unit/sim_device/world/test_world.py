@@ -79,10 +79,7 @@ def test_corners_record_whether_they_jut_into_the_floor() -> None:
     l_shape = ((0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (2.0, 2.0), (2.0, 4.0), (0.0, 4.0))
     clockwise = box(0.5, 0.5, 0.6, 0.6)[::-1]
     made = world(room((1.0, 3.0, 0.0), walls=l_shape, obstacles=(clockwise,)))
-    juts = {
-        (float(x), float(y)): bool(j)
-        for x, y, j in zip(made.corner_x_m, made.corner_y_m, made.corner_juts, strict=True)
-    }
+    juts = {(x, y): bool(j) for x, y, j in made.corners.tolist()}
     assert [p for p in l_shape if juts[p]] == [(2.0, 2.0)]
     assert all(juts[p] for p in clockwise)
 
@@ -91,9 +88,9 @@ def test_near_sides_are_those_within_the_distance() -> None:
     made = world(room((1.0, 1.0, 0.0), obstacles=(box(5.0, 5.0, 6.0, 6.0),)))
     assert len(made.edges_near(4.5, 5.5, 0.6)) == 1
     assert len(made.edges_near(10.0, 10.0, 3.0)) == 0
-    assert len(made.edges_near(10.0, 10.0, 100.0)) == made.edge_count == 8
+    assert len(made.edges_near(10.0, 10.0, 100.0)) == len(made.edges) == 8
 
 
 def test_repeated_corners_are_no_sides() -> None:
     walls = ((0.0, 0.0), (0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0))
-    assert world(room((1.0, 1.0, 0.0), walls=walls)).edge_count == 4
+    assert len(world(room((1.0, 1.0, 0.0), walls=walls)).edges) == 4

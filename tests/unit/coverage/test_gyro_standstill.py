@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.coverage.gyro_standstill import GyroStandstill
 from bridge.coverage.planner import Finish
-from bridge.coverage.resting import GyroRest
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Turn
@@ -30,7 +30,7 @@ def seen(time_s: float, uncertainty: float, x: float = 0.0) -> Observation:
 
 
 def test_a_rest_lasts_until_the_bias_is_sure() -> None:
-    rest = GyroRest()
+    rest = GyroStandstill()
     assert not rest.holds(seen(0.0, SURE))
     assert rest.holds(seen(1.0, UNCERTAIN))
     assert rest.held
@@ -40,7 +40,7 @@ def test_a_rest_lasts_until_the_bias_is_sure() -> None:
 
 
 def test_a_rest_without_effect_ends_and_is_not_repeated_at_once() -> None:
-    rest = GyroRest()
+    rest = GyroStandstill()
     times = [0.1 * k for k in range(400) if rest.holds(seen(0.1 * k, UNCERTAIN))]
     assert 2.0 < sum(t < 20.0 for t in times) * 0.1 < 3.0
     assert not any(3.0 < t < 20.0 for t in times)

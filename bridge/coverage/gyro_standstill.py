@@ -24,7 +24,7 @@ _APART_S = 20.0
 """Minimum time between two standstills, s."""
 
 
-class GyroRest:
+class GyroStandstill:
     """Decides when the robot stands still to measure the bias, and for how long."""
 
     __slots__ = ("_begun_s", "_ended_s")
