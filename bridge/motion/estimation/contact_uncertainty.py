@@ -46,8 +46,7 @@ class ContactUncertainty:
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
         if grazing and path_m > 0.0:
-            sigma_m = self._tuning.graze_m_sqrt_m * estimator.ekf.slip_monitor.slippery
-            estimator.ekf.inflate(sigma_m * math.sqrt(path_m), 0.0)
+            self._inflate_for_graze(path_m)
         self._last = estimator.odometry
         self._pressed = (left, right)
         return path_m
@@ -84,6 +83,16 @@ class ContactUncertainty:
             self._estimator.ekf.inflate(tuning.felt_sigma_m, tuning.felt_sigma_rad)
         else:
             self._estimator.ekf.inflate(tuning.bump_sigma_m, tuning.bump_sigma_rad)
+
+    def _inflate_for_graze(self, path_m: float) -> None:
+        """Add the noise of a path along a wall in contact.
+
+        Friction at the wall causes wheel slip. The wall's push depends on the angle between heading
+        and wall, and not on the wheels' slip.
+        """
+        tuning, ekf, root = self._tuning, self._estimator.ekf, math.sqrt(path_m)
+        along_m_sqrt_m = tuning.graze_along_m_sqrt_m * ekf.slip_monitor.slippery
+        ekf.inflate_slip(along_m_sqrt_m * root, tuning.graze_across_m_sqrt_m * root)
 
     def _slide(self, path_m: float, pressed: tuple[bool, bool]) -> None:
         """Correct the estimate after a path with a pressed switch; ``path_m`` is not negative."""

@@ -16,7 +16,7 @@ cdef class Ekf:
         object held=*,
     )
     cpdef object inflate(self, double sigma_m, double sigma_rad)
-    cpdef object inflate_along(self, double sigma_m)
+    cpdef object inflate_slip(self, double along_m, double across_m)
     cpdef object apply(self, object step)
     cpdef object restart(self, object pose)
     cpdef object wait(self, double time_s)

@@ -162,14 +162,14 @@ class Ekf:
         p[Y, Y] += sigma_m**2
         p[THETA, THETA] += sigma_rad**2
 
-    def inflate_along(self, sigma_m: float) -> None:
-        """Add variance along the heading, m, after wheel slip."""
+    def inflate_slip(self, along_m: float, across_m: float) -> None:
+        """Add variance along and across the heading after slip: standard deviations, m."""
         c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
-        p, v = self.joint_covariance.p, sigma_m**2
-        p[X, X] += v * c * c
-        p[Y, Y] += v * s * s
-        p[X, Y] += v * c * s
-        p[Y, X] += v * c * s
+        p, along, across = self.joint_covariance.p, along_m**2, across_m**2
+        p[X, X] += along * c * c + across * s * s
+        p[Y, Y] += along * s * s + across * c * c
+        p[X, Y] += (along - across) * c * s
+        p[Y, X] += (along - across) * c * s
 
     def apply(self, step: Floats) -> None:
         """Add a step to the mean of every state."""

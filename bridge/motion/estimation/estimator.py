@@ -188,7 +188,7 @@ class PoseEstimator:
         if bridge is None:
             return
         self.ekf.shift(bridge.unconfirmed_m, 0.0)
-        self.ekf.inflate_along(self.tuning.bridge.release_share * abs(bridge.unconfirmed_m))
+        self.ekf.inflate_slip(self.tuning.bridge.release_share * abs(bridge.unconfirmed_m), 0.0)
         self._end_bridge(bridge)
 
     def hold(self) -> None:
@@ -374,7 +374,7 @@ class PoseEstimator:
             self._note(kind, t_s, abs(right - left - turn) / dt)
         path_m = left + 0.5 * turn if side > 0 else right - 0.5 * turn
         share = self.tuning.disturbance.slip_sigma_share
-        self.ekf.inflate_along(share * abs(0.5 * (left + right) - path_m))
+        self.ekf.inflate_slip(share * abs(0.5 * (left + right) - path_m), 0.0)
         return path_m
 
     def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:

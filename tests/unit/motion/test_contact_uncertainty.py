@@ -27,8 +27,8 @@ TUNING = EstimationTuning().contact
 class Pushed:
     """An estimator without accelerometer whose only motion input is the encoders."""
 
-    def __init__(self) -> None:
-        self.estimator = PoseEstimator(MODEL, START)
+    def __init__(self, heading_rad: float = 0.0) -> None:
+        self.estimator = PoseEstimator(MODEL, Pose2(START.x_m, START.y_m, heading_rad))
         self.contact = ContactUncertainty(self.estimator)
 
     def go(self, ways_m: Sequence[float], *, left: bool, right: bool, graze: bool = False) -> None:
@@ -165,12 +165,89 @@ def test_two_touches_are_two_errors() -> None:
 
 
 def test_grazing_adds_standard_deviation_with_the_root_of_the_path() -> None:
+    drift = DriftModel()
+    by_way = math.hypot(TUNING.graze_across_m_sqrt_m, drift.across_m_sqrt_m)
+    along = math.hypot(TUNING.graze_along_m_sqrt_m, drift.along_m_sqrt_m)
     for parts in (10, 80):
         rubbed = Pushed()
         rubbed.go([0.4 / parts] * parts, left=False, right=False, graze=True)
-        by_way = math.hypot(TUNING.graze_m_sqrt_m, DriftModel().across_m_sqrt_m)
         assert rubbed.sigma_m[1] == pytest.approx(by_way * math.sqrt(0.4), rel=0.05)
+        along_m = math.hypot(along * math.sqrt(0.4), drift.wheel_scale * 0.4)
+        assert rubbed.sigma_m[0] == pytest.approx(along_m, rel=0.05)
         assert rubbed.estimator.pose.y_m == START.y_m
+
+
+def test_grazing_adds_standard_deviation_across_any_heading() -> None:
+    heading_rad = math.radians(30.0)
+    grazed, free = Pushed(heading_rad), Pushed(heading_rad)
+    for pushed, graze in ((grazed, True), (free, False)):
+        pushed.go([0.01] * 40, left=False, right=False, graze=graze)
+        pushed.estimator.ekf.propagate_covariance()
+    for direction_rad, sigma in (
+        (heading_rad, TUNING.graze_along_m_sqrt_m),
+        (heading_rad + 0.5 * math.pi, TUNING.graze_across_m_sqrt_m),
+    ):
+        before_m, after_m = (p.estimator.sigma_along_m(direction_rad) for p in (free, grazed))
+        added_m = math.sqrt(after_m**2 - before_m**2)
+        assert added_m == pytest.approx(sigma * math.sqrt(0.4), rel=0.05)
+
+
+def test_without_contact_the_covariance_is_that_of_the_wheels() -> None:
+    free, wheels = Pushed(), PoseEstimator(MODEL, START)
+    for _ in range(40):
+        free.go([0.01], left=False, right=False)
+        wheels.ekf.advance(0.01, 0.0, 0.05, 0.0, by_wheels=False)
+    free.estimator.ekf.propagate_covariance()
+    wheels.ekf.propagate_covariance()
+    assert free.estimator.covariance == wheels.covariance
+    assert free.estimator.pose == wheels.pose
+
+
+@pytest.mark.parametrize("slip_m", [0.0, 0.002])
+def test_slip_of_the_wheels_does_not_change_the_walls_push(slip_m: float) -> None:
+    """The push depends on the angle between heading and wall."""
+    grazed, free = Pushed(), Pushed()
+    for pushed in (grazed, free):
+        for k in range(60):  # the wheels differ by this slip on each 10 cm
+            odd_m = slip_m if k % 2 else -slip_m
+            pushed.estimator.ekf.slip_monitor.update(0.1 + odd_m, 0.1 - odd_m, 0.0)
+    for pushed, graze in ((grazed, True), (free, False)):
+        pushed.go([0.01] * 40, left=False, right=False, graze=graze)
+    added_m = math.sqrt(grazed.sigma_m[1] ** 2 - free.sigma_m[1] ** 2)
+    assert added_m == pytest.approx(TUNING.graze_across_m_sqrt_m * math.sqrt(0.4), rel=0.01)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("level", ["typical", "harsh"])
+def test_a_slide_along_an_unmapped_wall_is_within_the_standard_deviation(
+    side: int, level: str
+) -> None:
+    """The heading points 0.5° into a wall that presses no bumper switch (independent plant)."""
+    y = 1.5 + side * (1.5 - MODEL.radius_m - 0.0002)
+    into_rad = side * math.radians(0.5)
+    drive = SimDrive(room((0.6, y, into_rad), walls=box(0.0, 0.0, 4.0, 3.0)), level, 3)
+    drive.rest(2.0)
+    before = drive.estimator.pose
+    while drive.estimator.pose.distance_m(before) < 0.35:
+        turn_rad = math.remainder(into_rad - drive.estimator.pose.theta_rad, math.tau)
+        drive.step(0.2, 4.0 * turn_rad)
+        assert not drive.bumped
+    assert drive.walls is not None
+    assert drive.walls.walls.walls == [], "the wall is not in the map"
+    off_m = side * (drive.estimator.pose.y_m - drive.body.pose.y_m)
+    assert off_m > 0.0015, "the estimate is inside the wall"
+    drive.estimator.ekf.propagate_covariance()
+    assert off_m < 3.0 * drive.estimator.lateral_sigma_m
+
+
+def test_a_drive_without_contact_keeps_its_small_lateral_standard_deviation() -> None:
+    drive = SimDrive(room((0.6, 1.5, 0.0), walls=box(0.0, 0.0, 4.0, 3.0)), "typical", 3)
+    drive.rest(2.0)
+    before = drive.estimator.pose
+    while drive.estimator.pose.distance_m(before) < 0.35:
+        drive.step(0.2, -4.0 * drive.estimator.pose.theta_rad)
+    drive.estimator.ekf.propagate_covariance()
+    assert drive.estimator.lateral_sigma_m < 0.0005
 
 
 @pytest.mark.parametrize("side", [1, -1])
