@@ -113,6 +113,9 @@ class FollowTuning:
     blind_margin_m: float = 0.002
     """Additional gap beyond the infrared's minimum range, m. Below that range the reading is
     constant, so the robot would press against the wall."""
+    away_rad: float = math.radians(60.0)
+    """Maximum turn in place from a contact at a corner, rad. If the switch is still pressed, the
+    obstacle is ahead."""
     nudge_m_s: float = 0.05
     """Maximum speed while the wall presses a bumper switch, m/s. The robot slips sideways, and the
     wheel encoders do not measure this slip."""
@@ -178,6 +181,10 @@ class WallFollower:
     At the end of the wall the robot drives straight until the end is beside its axle. It then
     drives round the end at the set distance until the infrared sensor detects a wall again. The
     corner and this reading immediately give the new wall's direction.
+
+    The beam often misses a face as short as a table leg's, and the next corner presses a bumper
+    switch. The robot then turns away in place until the contact leaves the switch, and drives round
+    the contact.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -235,6 +242,8 @@ class WallFollower:
         self._arcing = False
         self._silent_s = 0.0
         self._pressed_s = 0.0
+        self._away_rad = 0.0
+        """Turn away from the contact that presses the switch, rad."""
         self._straight_m = math.inf
         self._felt_m = 0.0
         """Path since the beginning, for a wall that is followed by contact only, m."""
@@ -311,7 +320,8 @@ class WallFollower:
             return
         self._age_s = 0.0
         if self._state is FollowState.CORNER:
-            self._find(range_m)
+            if self._pressed_s == 0.0:
+                self._find(range_m)
         elif self._track.distance_m is None:
             if range_m is not None:
                 self._track.begin(range_m)
@@ -364,6 +374,8 @@ class WallFollower:
         c, s = math.cos(into_rad), math.sin(into_rad)
         self._corner = (c * x + s * y, c * y - s * x)
         self._turned_rad += into_rad
+        if self._pressed_s > 0.0:
+            self._away_rad -= into_rad
 
     def _find(self, range_m: float | None) -> None:
         """Search for the wall beyond the corner."""
@@ -470,14 +482,17 @@ class WallFollower:
         if other or obs.cliff:
             return None
         if not near:
-            self._pressed_s = 0.0
+            if self._pressed_s > 0.0 and self._state is FollowState.CORNER:
+                # The robot has turned until the contact left the switch at its end, abeam.
+                self._corner = (0.0, self._radius_m)
+            self._pressed_s = self._away_rad = 0.0
             return False
         self._pressed_s += dt_s
         distance = self._track.distance_m
+        beside = distance is not None and distance - self._radius_m < self._tune.jump_m
         if self._state is FollowState.CORNER:
-            distance = math.hypot(*self._corner)
-        grazing = distance is not None and distance - self._radius_m < self._tune.jump_m
-        return True if grazing and self._pressed_s < self._tune.nudge_s else None
+            return True if self._away_rad < self._tune.away_rad else None
+        return True if beside and self._pressed_s < self._tune.nudge_s else None
 
     def _halt(self) -> VelocityCommand:
         self._state = FollowState.BLOCKED

@@ -82,12 +82,16 @@ def follow(  # noqa: PLR0913 - a room, a start and a command
     noise: WorldNoise = IDEAL,
     seed: int = 0,
     model: RobotModel = MODEL,
+    tuning: FollowTuning = FAR,
+    touching: bool = False,
 ) -> Followed:
     """Drive in the small world, through the velocity smoothing."""
     plan = FloorPlan("t", HALL, obstacles, Pose2(*start))
     world = KinematicWorld(plan, model, random.Random(seed), noise)
     world.rest(1.0)
-    run = Followed(world, WallFollower(model, side, distance_m, tuning=FAR))
+    run = Followed(world, WallFollower(model, side, distance_m, tuning=tuning))
+    if touching:
+        run.follower.go_round(0.0, model.radius_m + distance_m)
     smooth_v = VelocitySmoother(MODEL.max_accel_m_s2, 0.6)
     smooth_w = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
     obs = world.observe()
@@ -310,6 +314,25 @@ def test_a_thin_leg_is_rounded_and_not_lost() -> None:
     assert max(run.gaps) < 0.15
 
 
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+@pytest.mark.parametrize("width_m", [0.03, 0.05, 0.06])
+def test_a_leg_is_followed_in_contact_all_around(width_m: float, side: Side) -> None:
+    """Each corner of the leg presses a switch, and no contact ends the wall following."""
+    half = 0.5 * width_m
+    leg = box(3.0 - half, 3.0 - half, 3.0 + half, 3.0 + half)
+    start = (3.0, 3.0 - side * (half + RADIUS_M + 0.0005), 0.0)
+    tuning = FollowTuning()
+    run = follow(start, side, 0.0005, 30.0, obstacles=(leg,), tuning=tuning, touching=True)
+    turned = side * sum(
+        math.remainder(b.theta_rad - a.theta_rad, math.tau)
+        for a, b in zip(run.truth, run.truth[1:], strict=False)
+    )
+    assert turned > math.tau
+    assert "blocked" not in run.states
+    assert run.touch_s > 0.0
+    assert sum(run.gaps) / len(run.gaps) < 0.01
+
+
 def test_without_a_wall_it_is_lost_and_halts() -> None:
     follower = WallFollower(MODEL, Side.LEFT, 0.05)
     step = follower.step(sees(None), STEP_S)
@@ -423,6 +446,49 @@ def test_a_touched_chair_leg_is_turned_away_from(side: Side) -> None:
     free = follower.step(sees(None), STEP_S)
     assert free.state is FollowState.CORNER
     assert free.command.v_m_s > 0.05
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_a_contact_leaves_the_switch_abeam(side: Side) -> None:
+    """The robot has turned by 20°, so the contact was at 70°, and not abeam as assumed."""
+    follower = WallFollower(MODEL, side, 0.0005)
+    follower.go_round(0.0, RADIUS_M + 0.0005)
+    left = side is Side.LEFT
+    for k in range(20):
+        pose = Pose2(0.0, 0.0, -side * k * DEGREE)
+        seen = sees(None, bumper=(left, not left))._replace(pose=pose)
+        assert follower.step(seen, STEP_S).command.v_m_s == 0.0
+    free = follower.step(sees(None)._replace(pose=pose), STEP_S)
+    tune, v = FollowTuning(), free.command.v_m_s
+    # a circle round the contact, and the way out to the gap to a corner
+    away = tune.yaw_gain_s * tune.corner_gap_m / tune.lookahead_m
+    expected = v / (RADIUS_M + tune.corner_gap_m) - away
+    assert v == tune.corner_m_s
+    assert side * free.command.yaw_rate_rad_s == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_contact_with_a_face_that_the_beam_loses_is_a_corner() -> None:
+    """The beam has found the leg's other face, and loses it while the switch is pressed."""
+    follower = WallFollower(MODEL, Side.LEFT, 0.0005)
+    follower.go_round(0.0, RADIUS_M)
+    for left_m in (0.09, 0.10):
+        assert follower.step(sees(left_m), STEP_S).state is FollowState.FOLLOWING
+    steps = [follower.step(sees(None, bumper=(True, False)), STEP_S) for _ in range(30)]
+    assert FollowState.BLOCKED not in {step.state for step in steps}
+    assert steps[-1].state is FollowState.CORNER
+    assert steps[-1].command.v_m_s == 0.0
+    assert steps[-1].command.yaw_rate_rad_s < 0.0
+
+
+def test_a_contact_that_stays_in_a_turn_of_60_degrees_is_ahead() -> None:
+    follower = WallFollower(MODEL, Side.LEFT, 0.0005)
+    follower.go_round(0.0, RADIUS_M)
+    states = []
+    for k in range(66):
+        seen = sees(None, bumper=(True, False))
+        step = follower.step(seen._replace(pose=Pose2(0.0, 0.0, -k * DEGREE)), STEP_S)
+        states.append(step.state)
+    assert states.index(FollowState.BLOCKED) == pytest.approx(61, abs=1)
 
 
 def test_speed_respects_the_distance_to_a_wall_ahead() -> None:
