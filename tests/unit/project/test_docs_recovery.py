@@ -13,7 +13,7 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastWorld
 from support.root import ROOT
 from tools.cli.rooms import load_room
-from tools.dev.behaviour_pictures import PICTURES
+from tools.dev.behaviour_pictures.__main__ import PICTURES
 from tools.dev.pin_pictures import BOARDS
 
 PAGE = (ROOT / "docs" / "recovery-planner.md").read_text("utf-8")
