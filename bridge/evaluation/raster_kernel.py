@@ -1,24 +1,13 @@
-"""Compiled loops over the cells of a raster: shapes, connected pieces and distances."""
+"""Compiled loops over the points of a raster: shapes that the robot sweeps."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import cython
-import numpy as np
 
 if TYPE_CHECKING or cython.compiled:
-    from cython.cimports.bridge.motion.arrays import (
-        FloatBlock,
-        FloatGrid,
-        IntGrid,
-        Layer,
-        LongGrid,
-    )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from cython.cimports.bridge.motion.arrays import FloatBlock, FloatGrid, Layer
 
 _EDGE = cython.declare(cython.double, -1e-12)
 """Tolerance with which a point on the edge of a triangle counts as inside."""
@@ -102,104 +91,3 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
                 if inside:
                     times[row, col] = time_s
                     break
-
-
-def pieces(mask: NDArray[np.bool_], reach: int) -> tuple[NDArray[np.int32], int]:
-    """Assign numbers from 1 to the connected pieces of a mask, in the order of their first cells.
-
-    If ``reach`` is 1, cells with a common side are connected. If it is 2, cells with a common
-    corner are connected too.
-    """
-    labels = np.zeros(mask.shape, dtype=np.int32)
-    stack = np.empty((mask.size, 2), dtype=np.int32)
-    return labels, number_pieces(_bytes_of(mask), reach, labels, stack)
-
-
-def _bytes_of(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(mask).view(np.uint8)
-
-
-def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGrid) -> cython.int:
-    """Compiled part of :func:`pieces`. ``labels`` must be zero; ``stack`` is a work array."""
-    rows: cython.int = mask.shape[0]
-    columns: cython.int = mask.shape[1]
-    row0: cython.int
-    col0: cython.int
-    row: cython.int
-    col: cython.int
-    r: cython.int
-    c: cython.int
-    top: cython.Py_ssize_t
-    count: cython.int = 0
-    for row0 in range(rows):
-        for col0 in range(columns):
-            if not mask[row0, col0] or labels[row0, col0]:
-                continue
-            count += 1
-            labels[row0, col0] = count
-            stack[0, 0], stack[0, 1] = row0, col0
-            top = 1
-            while top:
-                top -= 1
-                row, col = stack[top, 0], stack[top, 1]
-                for down in range(-1, 2):
-                    for right in range(-1, 2):
-                        r, c = row + down, col + right
-                        if (
-                            abs(down) + abs(right) <= reach
-                            and 0 <= r < rows
-                            and 0 <= c < columns
-                            and mask[r, c]
-                            and not labels[r, c]
-                        ):
-                            labels[r, c] = count
-                            stack[top, 0], stack[top, 1] = r, c
-                            top += 1
-    return count
-
-
-def deepest(mask: NDArray[np.bool_]) -> float:
-    """Return the maximum distance, in cells, from a cell in the mask to the nearest cell outside.
-
-    The result is exact (algorithm with two passes: Meijster, Roerdink, Hesselink 2000). Points
-    outside the raster count as outside the mask.
-    """
-    rows, columns = mask.shape
-    down = np.zeros((rows + 2, columns + 2), dtype=np.int64)
-    return math.sqrt(deepest_square(_bytes_of(mask), down))
-
-
-def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
-    """Return the square of :func:`deepest` (compiled). ``down`` has a border of zeros."""
-    rows: cython.int = mask.shape[0]
-    columns: cython.int = mask.shape[1]
-    row: cython.int
-    col: cython.int
-    side: cython.int
-    other: cython.int
-    reach: cython.longlong
-    square: cython.longlong
-    step: cython.longlong
-    d: cython.longlong
-    deepest: cython.longlong = 0
-    for col in range(1, columns + 1):
-        for row in range(1, rows + 1):
-            down[row, col] = down[row - 1, col] + 1 if mask[row - 1, col - 1] else 0
-        for row in range(rows, 0, -1):
-            down[row, col] = min(down[row, col], down[row + 1, col] + 1)
-    for row in range(1, rows + 1):
-        for col in range(1, columns + 1):
-            reach = down[row, col]
-            square = reach * reach
-            if square <= deepest:
-                continue  # its distance cannot exceed the maximum so far
-            step = 1
-            while step * step < square:
-                for side in range(2):
-                    other = col + step if side else col - step
-                    if 0 <= other <= columns + 1:
-                        d = down[row, other]
-                        square = min(square, d * d + step * step)
-                step += 1
-            deepest = max(deepest, square)
-    return deepest

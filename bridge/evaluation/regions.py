@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from bridge.evaluation.raster import Raster, crosses
-from bridge.evaluation.raster_kernel import pieces
 
 if TYPE_CHECKING:
     from bridge.evaluation.raster import Floats, Mask
@@ -148,7 +148,7 @@ def _connected(
         joined[row.astype(np.intp), col.astype(np.intp)] = True
     if not joined.any():
         return centres, []
-    labels, _ = pieces(joined, 2)
+    labels, _ = ndimage.label(joined, np.ones((3, 3)))  # cells that touch by a corner are joined
     distance = np.where(joined, np.hypot(raster.x - start[0], raster.y - start[1]), np.inf)
     mine = labels == labels[np.unravel_index(int(np.argmin(distance)), raster.shape)]
     kept = [

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from bridge.evaluation.holes import depth_cells
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.evaluation.raster_kernel import deepest, pieces
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 
@@ -21,22 +21,13 @@ def drawn(*rows: str) -> NDArray[np.bool_]:
     return np.array([[cell == "#" for cell in row] for row in rows])
 
 
-def test_pieces_that_touch_by_a_corner_are_one_or_two() -> None:
-    mask = drawn("##..", "..#.", "#...")
-    by_side, count = pieces(mask, 1)
-    assert count == 3
-    assert by_side.tolist() == [[1, 1, 0, 0], [0, 0, 2, 0], [3, 0, 0, 0]]
-    by_corner, count = pieces(mask, 2)
-    assert count == 2
-    assert by_corner.tolist() == [[1, 1, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]
-
-
 def test_depth_is_counted_to_the_nearest_cell_outside() -> None:
-    assert deepest(drawn("...", "...")) == 0.0
-    assert deepest(drawn("###", "###", "###")) == 2.0  # the cells beyond the edge count as outside
+    assert depth_cells(drawn("...", "...")) == 0.0
+    # the cells beyond the edge count as outside
+    assert depth_cells(drawn("###", "###", "###")) == 2.0
     hole = np.ones((9, 9), dtype=np.bool_)
     hole[4, 4] = False
-    assert deepest(hole) == pytest.approx(math.sqrt(8.0))  # two cells off in x and y
+    assert depth_cells(hole) == pytest.approx(math.sqrt(8.0))  # two cells off in x and y
 
 
 def test_depth_is_that_of_a_search_of_all_pairs() -> None:
@@ -46,7 +37,7 @@ def test_depth_is_that_of_a_search_of_all_pairs() -> None:
         padded = np.pad(mask, 1)
         inside, outside = np.argwhere(padded), np.argwhere(~padded)
         apart = np.linalg.norm(inside[:, None] - outside[None, :], axis=2)
-        assert deepest(mask) == pytest.approx(float(apart.min(axis=1).max()))
+        assert depth_cells(mask) == pytest.approx(float(apart.min(axis=1).max()))
 
 
 def test_reading_intermediate_figures_does_not_change_the_result() -> None:
