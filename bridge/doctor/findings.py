@@ -101,8 +101,8 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "adc": "the device repeats its readings of supply and motor currents, so neither a low "
         "battery nor a stalled motor is noticed; restart it, then check the converter and its DMA "
         "channel in the firmware",
-        "truncated": "the program that wrote the log was killed, or the disk was full; sweepctl "
-        "recover saves the intact part",
+        "truncated": "the log is still being written, or its writer was killed, or the disk was "
+        "full; sweepctl recover saves the intact part",
         "damaged_log": "sweepctl recover saves the intact part",
         "not_recorded": "record with sweepctl connect, which keeps every byte; without the bytes "
         "the link and the clock cannot be judged",

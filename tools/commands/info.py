@@ -49,7 +49,7 @@ def _print(description: RunDescription) -> None:
     if description.format != "mcap":
         console.print(f"a {description.format} capture; the topics are its decoded messages")
     if not description.whole:
-        lost = "incomplete: the end is missing (the writer was killed); the rest was read"
+        lost = "incomplete: still being written, or its writer was killed; the intact part was read"
         console.print(lost, style="yellow")
     parts = description.parts
     if parts:

@@ -55,8 +55,8 @@ def summary_sentences(data: RunData) -> list[str]:
         lines.append(f"{line}: {reason}." if reason else f"{line}.")
     elif not data.whole:
         lines.append(
-            "The end of the log is missing, because its writer was killed or lost power. "
-            "The rest was read."
+            "The end of the log is missing: it is still being written, or its writer was killed or "
+            "lost power. The rest was read."
         )
     else:
         lines.append("The log does not contain the outcome of the run.")
