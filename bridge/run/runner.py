@@ -66,15 +66,6 @@ def release(runner: object) -> None:
         runner.resume()
 
 
-@runtime_checkable
-class Planned(Protocol):
-    """A runner that reports whether a plan or an operator drives the robot."""
-
-    @property
-    def follows_plan(self) -> bool:
-        """True if a plan decides the velocity."""
-
-
 def follows_plan(runner: object) -> bool:
-    """Return True if a plan of the host drives the robot."""
-    return isinstance(runner, Planned) and runner.follows_plan
+    """Return the runner's ``follows_plan``: a plan of the host drives the robot. Default: False."""
+    return bool(getattr(runner, "follows_plan", False))
