@@ -221,7 +221,7 @@ def recovery_cliff() -> Figure:
 
 def recovery_stuck() -> Figure:
     """Draw two contacts at one place, and the path along the obstacle."""
-    run = recovery_run("two-rooms")
+    run = recovery_run("comprehensive")
     shut_s, shut = run.first("passage-shut")
     end_s = run.first("perimeter-end", shut_s)[0]
     begin_s = shut_s - 14.0
