@@ -41,9 +41,9 @@ class LegExecutor:
     """Executes legs.
 
     Call ``start`` with a leg. Then call ``step`` with every observation and send the returned
-    command, until ``result`` is set. A bumper switch or a cliff ends a forward leg immediately,
+    command, until ``result`` is set. A bumper switch or a cliff ends a drive or an arc immediately,
     without a ramp. It does not end turns in place and backward legs, because they lead away from
-    the obstacle. An arc is a forward leg.
+    the obstacle. ``WallFollower`` decides whether a switch ends wall following.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:

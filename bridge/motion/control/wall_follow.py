@@ -92,8 +92,8 @@ class FollowTuning:
     """Maximum difference between reading and prediction on the same surface, in standard
     deviations of this difference. It is at least ``jump_m``."""
     round_rad: float = math.radians(420.0)
-    """Turn round a corner after which the wall counts as lost if none was found, rad. A table leg
-    is too thin for the infrared beam, so the robot follows it all around."""
+    """Turn round a corner after which the wall counts as lost if none was found, rad. The infrared
+    beam often misses a table leg, so the robot must be able to follow it all around."""
     nudge_s: float = 0.5
     """Maximum time for which the followed wall may press a bumper switch, s. After this time the
     switch means an obstacle ahead."""
@@ -123,8 +123,8 @@ class FollowTuning:
     """Angle of the heading away from a wall that presses a bumper switch, relative to
     ``approach_rad``."""
     pressed_rad: float = math.radians(5.0)
-    """Minimum angle of the heading towards the wall if a bumper switch is pressed, rad. The bumper
-    does not cover the side of the robot."""
+    """Assumed minimum angle of the heading towards the wall that presses a bumper switch, rad. The
+    bumper does not cover the side of the robot, so the heading points into the wall."""
 
     # -- corners ---------------------------------------------------------------------------------
     corner_m_s: float = 0.09
@@ -182,9 +182,11 @@ class WallFollower:
     drives round the end at the set distance until the infrared sensor detects a wall again. The
     corner and this reading immediately give the new wall's direction.
 
-    The beam often misses a face as short as a table leg's, and the next corner presses a bumper
-    switch. The robot then turns away in place until the contact leaves the switch, and drives round
-    the contact.
+    If the followed wall presses a bumper switch, the robot steers away from it for at most
+    ``nudge_s``. The beam often misses a face as short as a table leg's, and the next corner presses
+    the switch. At a corner the robot turns away in place by at most ``away_rad``. When the contact
+    has left the switch, the robot drives round the contact. The other switch means an obstacle
+    ahead.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -446,9 +448,7 @@ class WallFollower:
         tune = self._tune
         radius = self._radius_m + max(self._gap_m, tune.corner_gap_m)
         slow = min(speed, tune.corner_m_s)
-        if nudge:  # the corner is at the rim, ahead of the axle: turn until it is beside the axle
-            self._touch_corner()
-            self._arcing = True
+        if nudge:  # the contact is ahead of the axle: turn until it leaves the switch, abeam
             return VelocityCommand(0.0, -self._side * self._max_rate)
         x, y = self._corner
         if x > 0.0 and not self._arcing:
@@ -461,14 +461,6 @@ class WallFollower:
             bearing + max(min(far / tune.lookahead_m, tune.circle_rad), -tune.circle_rad)
         )
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
-
-    def _touch_corner(self) -> None:
-        """Move the corner to the rim, where the contact is. Its direction does not change."""
-        x, y = self._corner
-        far = math.hypot(x, y)
-        if far > 0.0:
-            share = self._radius_m / far
-            self._corner = (share * x, share * y)
 
     def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
         """Return True to turn away from the wall that presses the switch.

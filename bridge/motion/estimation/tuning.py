@@ -40,14 +40,14 @@ class ContactTuning:
     """Standard deviation of the remaining error with both switches pressed, or without an
     accelerometer, as a share of the path."""
     graze_along_m_sqrt_m: float = 0.0007
-    """Standard deviation along the heading per √m while the robot grazes a wall at nominal slip, m.
+    """Noise along the heading while the robot grazes a wall at nominal slip, m/√m (our choice).
     Friction slows the robot down."""
     graze_across_m_sqrt_m: float = 0.003
-    """Standard deviation across the heading per √m while the robot grazes a wall, m. The wall
-    pushes the robot sideways by the path times the angle at which the heading points into the wall.
-    An angle with the σ ``graze_rad`` that persists for ``FollowTuning.lookahead_m`` (L) gives
-    graze_rad·√(2L) = 0.0033. The measured RMS is 0.0026 at ``typical`` and 0.0030 at ``harsh``
-    noise, in 191 contacts in generated rooms."""
+    """Noise across the heading while the robot grazes a wall, m/√m. The wall pushes the robot
+    sideways by the path times the angle at which the heading points into the wall. An angle with a
+    σ of 0.4° and the correlation length L = ``FollowTuning.lookahead_m`` gives 0.4°·√(2L) = 0.0033.
+    In 191 contacts in generated rooms the virtual robot had 0.0026 at ``typical`` noise and 0.0030
+    at ``harsh`` (RMS)."""
     reading_m: float = 0.02
     """Maximum path between two readings that counts, m."""
     stuck_m: float = 0.3

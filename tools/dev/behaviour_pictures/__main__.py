@@ -60,7 +60,9 @@ def main() -> int:
     """Draw the pictures."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--out", type=Path, required=True, help="Folder for the PNG files.")
-    options.add_argument("--only", choices=PICTURES, action="append", help="Draw only this one.")
+    options.add_argument(
+        "--only", choices=PICTURES, action="append", help="Draw only this picture; may be repeated."
+    )
     given = options.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.only or PICTURES:

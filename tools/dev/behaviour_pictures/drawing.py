@@ -28,7 +28,8 @@ _SHORT_M = 0.05
 """Minimum length of a drawn piece of the path, m."""
 GREY, BLUE, GREEN, ORANGE, RED = "#8a919c", "#1f4e79", "#2a8c63", "#d9822b", "#b03a48"
 VIOLET, _SWEPT, _FORBIDDEN = "#7a4ea3", "#d9efe5", "#f3c9a0"
-_ROBOT: dict[str, Any] = {"fill": False, "ec": "#30343b", "lw": 1.2, "zorder": 7}
+_HULL = "#30343b"
+_ROBOT: dict[str, Any] = {"fill": False, "ec": _HULL, "lw": 1.2, "zorder": 7}
 _TOP_M_S = 0.3
 """Upper end of the speed's colour scale, m/s."""
 _STATES = {
@@ -95,17 +96,17 @@ def draw_swept(axes: Axes, run: PicturedRun, end_s: float) -> None:
     )
 
 
-def draw_robot(axes: Axes, pose: Pose2, *, colour: str = "#30343b", mouth: bool = True) -> None:
+def draw_robot(axes: Axes, pose: Pose2, *, mouth: bool = True) -> None:
     """Draw the footprint, the heading and the mouth."""
     from matplotlib.patches import Circle
 
-    axes.add_patch(Circle(pose[:2], MODEL.radius_m, **{**_ROBOT, "ec": colour}))
+    axes.add_patch(Circle(pose[:2], MODEL.radius_m, **_ROBOT))
     bow = pose.transform(MODEL.radius_m, 0.0)
-    axes.plot([pose.x_m, bow[0]], [pose.y_m, bow[1]], color=colour, lw=1.2, zorder=7)
+    axes.plot([pose.x_m, bow[0]], [pose.y_m, bow[1]], color=_HULL, lw=1.2, zorder=7)
     if mouth:
         half = 0.5 * MODEL.cleaning_width_m
         ends = pose.transform(0.0, half), pose.transform(0.0, -half)
-        axes.plot(*zip(*ends, strict=True), color=colour, lw=3.0, zorder=7)
+        axes.plot(*zip(*ends, strict=True), color=_HULL, lw=3.0, zorder=7)
 
 
 def draw_path(axes: Axes, samples: Sequence[Sample], *, states: Sequence[str] = ()) -> None:

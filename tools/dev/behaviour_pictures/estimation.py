@@ -44,13 +44,11 @@ class Estimates(NamedTuple):
     t_s: list[float]
     pose: list[Pose2]
     sigma_m: list[float]
-    sigma_rad: list[float]
-    bias: list[float]
-    bias_sigma: list[float]
+    bias_sigma_rad_s: list[float]
     still: list[bool]
-    odometry: list[Pose2]
+    pose_without_walls: list[Pose2]
     """Poses of an estimator that detects no walls."""
-    walls: Relocaliser
+    relocaliser: Relocaliser
 
 
 @cache
@@ -59,7 +57,7 @@ def _estimates(room: str, noise: str, seed: int) -> Estimates:
     run = recovery_run(room, noise, seed)
     filters = PoseEstimator(MODEL, run.plan.start), PoseEstimator(MODEL, run.plan.start)
     walls = Relocaliser(MODEL, filters[0])
-    out = Estimates([], [], [], [], [], [], [], [], walls)
+    out = Estimates([], [], [], [], [], [], walls)
     for record in run.messages:
         message, t_s = record.message, record.t_us * 1e-6
         if isinstance(message, Imu):
@@ -75,15 +73,13 @@ def _estimates(room: str, noise: str, seed: int) -> Estimates:
             for each in filters:
                 each.on_encoders(t_s, message.left, message.right)
             one, blind = filters
-            (xx, _, _), (_, yy, _), (_, _, tt) = one.covariance
+            (xx, _, _), (_, yy, _), _ = one.covariance
             out.t_s.append(t_s)
             out.pose.append(one.pose)
             out.sigma_m.append(math.sqrt(xx + yy))
-            out.sigma_rad.append(math.sqrt(tt))
-            out.bias.append(one.gyro_bias_rad_s)
-            out.bias_sigma.append(one.gyro_bias_sigma_rad_s)
+            out.bias_sigma_rad_s.append(one.gyro_bias_sigma_rad_s)
             out.still.append(one.at_rest)
-            out.odometry.append(blind.pose)
+            out.pose_without_walls.append(blind.pose)
         elif isinstance(message, Range):
             walls.update(
                 message.ultrasonic_m,
@@ -108,12 +104,12 @@ def estimation_path() -> Figure:
     late_s = end_s - 120.0
     late = [k for k in range(0, len(est.t_s), 5) if late_s <= est.t_s[k] <= end_s]
     for poses, colour, name, width in (
-        (est.odometry, RED, "wheels and gyro only", 1.2),
+        (est.pose_without_walls, RED, "wheels and gyro only", 1.2),
         (est.pose, ORANGE, "with walls", 2.4),
     ):
         floor.plot(*xy([poses[k] for k in late]), color=colour, lw=width, label=name, zorder=4)
     floor.plot(*xy(true_path(run, late_s, end_s)), color=BLUE, lw=1.0, label="true path", zorder=5)
-    xs, ys = xy([*true_path(run, late_s, end_s), *(est.odometry[k] for k in late)])
+    xs, ys = xy([*true_path(run, late_s, end_s), *(est.pose_without_walls[k] for k in late)])
     floor.set_xlim(min(xs) - 0.3, max(xs) + 0.3)
     floor.set_ylim(min(ys) - 0.3, max(ys) + 0.3)
     put_title(floor, f"two-rooms, noise harsh: {late_s:.0f} to {end_s:.0f} s")
@@ -122,7 +118,7 @@ def estimation_path() -> Figure:
     truth_t = np.array([t_s for t_s, _ in run.truth])
     true_x, true_y = (np.array(values) for values in xy([pose for _, pose in run.truth]))
     for poses, colour, name in (
-        (est.odometry[part], RED, "wheels and gyro only"),
+        (est.pose_without_walls[part], RED, "wheels and gyro only"),
         (est.pose[part], ORANGE, "with walls"),
     ):
         at_x, at_y = (np.array(values) for values in xy(poses))
@@ -163,10 +159,10 @@ def estimation_walls() -> Figure:
             *zip(*hits, strict=True), ".", ms=1.6, color=ORANGE, label="infrared hit", zorder=5
         )
         shown = False
-        for i, wall in enumerate(est.walls.walls.walls):
+        for i, wall in enumerate(est.relocaliser.walls.walls):
             if wall.seen_m <= 0.0:
                 continue
-            alpha, rho = est.walls.walls.normal_rad(i), est.walls.walls.offset_m(i)
+            alpha, rho = est.relocaliser.walls.normal_rad(i), est.relocaliser.walls.offset_m(i)
             c, s = math.cos(alpha), math.sin(alpha)
             ends = [
                 (wall.anchor_x_m + rho * c - u * s, wall.anchor_y_m + rho * s + u * c)
@@ -202,10 +198,10 @@ def estimation_bias() -> Figure:
     end_s = 420.0
     part = slice(0, sum(t_s <= end_s for t_s in est.t_s))
     times = np.array(est.t_s[part])
-    sigma = np.degrees(est.bias_sigma[part])
+    sigma = np.degrees(est.bias_sigma_rad_s[part])
     axes.plot(times, sigma, color=BLUE, lw=1.4, label="σ of the bias")
-    axes.axhline(0.012, color=RED, lw=1.0, ls="--", label="rest is due (0.012 °/s)")
-    axes.axhline(0.005, color=GREEN, lw=1.0, ls="--", label="rest ends (0.005 °/s)")
+    axes.axhline(0.012, color=RED, lw=1.0, ls="--", label="standstill is due (0.012 °/s)")
+    axes.axhline(0.005, color=GREEN, lw=1.0, ls="--", label="standstill ends (0.005 °/s)")
     still = np.array(est.still[part])
     axes.fill_between(
         times, 0.0, 1.0, where=still.tolist(), color=ORANGE, alpha=0.5, lw=0, label="standstill"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -65,7 +64,6 @@ class PicturedRun:
     truth: list[tuple[float, Pose2]] = field(default_factory=list)
     events: list[tuple[float, EventRecord]] = field(default_factory=list)
     messages: list[DeviceMessage] = field(default_factory=list)
-    map_span_s: tuple[float, float] = (0.0, math.inf)
     maps: list[MapView] = field(default_factory=list)
     """Maps of ``recovery``: one at the beginning of each leg and each contact."""
 
@@ -81,16 +79,14 @@ class PicturedRun:
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         """Do nothing."""
 
-    def see_map(self, t_s: float) -> None:
+    def store_map(self, t_s: float) -> None:
         """Store the planner's map, if it has one."""
-        if not self.map_span_s[0] <= t_s <= self.map_span_s[1]:
-            return
         if isinstance(self.planner, RecoveryPlanner):
-            memory = self.planner.context.evidence_map
-            (left, bottom), (rows, columns) = memory.to_metres(0, 0), memory.shape
-            right, top = memory.to_metres(columns, rows)
-            forbidden, _ = memory.places()
-            occupied = memory.wall >= SURE
+            evidence_map = self.planner.context.evidence_map
+            (left, bottom), (rows, columns) = evidence_map.to_metres(0, 0), evidence_map.shape
+            right, top = evidence_map.to_metres(columns, rows)
+            forbidden, _ = evidence_map.places()
+            occupied = evidence_map.wall >= SURE
             view = MapView(t_s, forbidden.copy(), occupied, (left, right, bottom, top))
             self.maps.append(view)
 
@@ -119,7 +115,7 @@ class _Recorder(PlanRunner):
         if last is not None and (
             last.leg is not sample.leg or (_pressed(obs) and not _pressed(last.obs))
         ):
-            self._run.see_map(t_s)
+            self._run.store_map(t_s)
         self._run.samples.append(sample)
         return command
 
