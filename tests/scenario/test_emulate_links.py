@@ -79,7 +79,7 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path, target: str) -> N
             with talking(first):
                 ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3
-            assert "text instead of frames: refused: this sweeper has a host" in ended.complaint
+            assert "text instead of frames: rejected: this sweeper has a host" in ended.complaint
             reported = [line for line in ended.err.splitlines() if "session: opened" not in line]
             assert reported == [ended.complaint], "one line, and no tries to open it again"
             assert first.recv(100), "the first hears the device all the same"
