@@ -113,7 +113,7 @@ class FollowTuning:
     blind_margin_m: float = 0.002
     """Additional gap beyond the infrared's minimum range, m. Below that range the reading is
     constant, so the robot would press against the wall."""
-    away_rad: float = math.radians(60.0)
+    max_away_rad: float = math.radians(60.0)
     """Maximum turn in place from a contact at a corner, rad. If the switch is still pressed, the
     obstacle is ahead."""
     nudge_m_s: float = 0.05
@@ -184,9 +184,9 @@ class WallFollower:
 
     If the followed wall presses a bumper switch, the robot steers away from it for at most
     ``nudge_s``. The beam often misses a face as short as a table leg's, and the next corner presses
-    the switch. At a corner the robot turns away in place by at most ``away_rad``. When the contact
-    has left the switch, the robot drives round the contact. The other switch means an obstacle
-    ahead.
+    the switch. At a corner the robot turns away in place by at most ``max_away_rad``. When the
+    contact has left the switch, the robot drives round the contact. The other switch means an
+    obstacle ahead.
     """
 
     def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
@@ -244,7 +244,7 @@ class WallFollower:
         self._arcing = False
         self._silent_s = 0.0
         self._pressed_s = 0.0
-        self._away_rad = 0.0
+        self._turned_away_rad = 0.0
         """Turn away from the contact that presses the switch, rad."""
         self._straight_m = math.inf
         self._felt_m = 0.0
@@ -377,7 +377,7 @@ class WallFollower:
         self._corner = (c * x + s * y, c * y - s * x)
         self._turned_rad += into_rad
         if self._pressed_s > 0.0:
-            self._away_rad -= into_rad
+            self._turned_away_rad -= into_rad
 
     def _find(self, range_m: float | None) -> None:
         """Search for the wall beyond the corner."""
@@ -477,13 +477,13 @@ class WallFollower:
             if self._pressed_s > 0.0 and self._state is FollowState.CORNER:
                 # The robot has turned until the contact left the switch at its end, abeam.
                 self._corner = (0.0, self._radius_m)
-            self._pressed_s = self._away_rad = 0.0
+            self._pressed_s = self._turned_away_rad = 0.0
             return False
         self._pressed_s += dt_s
         distance = self._track.distance_m
         beside = distance is not None and distance - self._radius_m < self._tune.jump_m
         if self._state is FollowState.CORNER:
-            return True if self._away_rad < self._tune.away_rad else None
+            return True if self._turned_away_rad < self._tune.max_away_rad else None
         return True if beside and self._pressed_s < self._tune.nudge_s else None
 
     def _halt(self) -> VelocityCommand:

@@ -42,7 +42,18 @@ from tools.dev.behaviour_pictures.runs import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+def _draw_span(axes: Axes, run: PicturedRun, begin_s: float, end_s: float) -> None:
+    """Draw the path of a time span, and the floor swept and the robot at its end."""
+    samples = run.between(begin_s, end_s)
+    draw_room(axes, run.plan)
+    draw_swept(axes, run, end_s)
+    draw_path(axes, samples)
+    draw_robot(axes, samples[-1].obs.pose)
+    put_legend(axes, 3, bbox_to_anchor=(0.5, -0.13))
 
 
 def recovery_phases() -> Figure:
@@ -52,11 +63,7 @@ def recovery_phases() -> Figure:
     end_s = run.first("finish")[0]
     figure, panels = side_by_side(8.2, 4.3, 2)
     for axes, (begin, end) in zip(panels, ((0.0, first_end_s), (first_end_s, end_s)), strict=True):
-        draw_room(axes, run.plan)
-        draw_swept(axes, run, end)
-        draw_path(axes, run.between(begin, end))
-        draw_robot(axes, run.between(begin, end)[-1].obs.pose)
-        put_legend(axes, 3, bbox_to_anchor=(0.5, -0.13))
+        _draw_span(axes, run, begin, end)
     put_title(panels[0], f"until {first_end_s:.0f} s: the perimeter of the walls")
     put_title(panels[1], f"until {end_s:.0f} s: lanes, and the perimeter of the box")
     return figure
@@ -86,8 +93,6 @@ def recovery_occluded() -> Figure:
         for u, w in ((0, -half), (length, -half), (length, half), (0, half))
     ]
     for axes, (begin, end) in zip(panels, ((lane_s, cut_s), (back_s, end_s)), strict=True):
-        draw_room(axes, run.plan)
-        draw_swept(axes, run, end)
         axes.add_patch(
             Polygon(
                 strip,
@@ -100,9 +105,7 @@ def recovery_occluded() -> Figure:
                 zorder=4,
             )
         )
-        draw_path(axes, run.between(begin, end))
-        draw_robot(axes, run.between(begin, end)[-1].obs.pose)
-        put_legend(axes, 3, bbox_to_anchor=(0.5, -0.13))
+        _draw_span(axes, run, begin, end)
     put_title(panels[0], f"{cut_s:.0f} s: the box ends the lane early")
     put_title(panels[1], f"{end_s:.0f} s: the recovery lane has swept it")
     return figure
@@ -266,11 +269,7 @@ def paper_lanes() -> Figure:
     end_s = run.first("recovery-end", back_s)[0]
     figure, panels = side_by_side(8.2, 4.6, 2)
     for axes, (begin, end) in zip(panels, ((0.0, back_s), (back_s, end_s)), strict=True):
-        draw_room(axes, run.plan)
-        draw_swept(axes, run, end)
-        draw_path(axes, run.between(begin, end))
-        draw_robot(axes, run.between(begin, end)[-1].obs.pose)
-        put_legend(axes, 3, bbox_to_anchor=(0.5, -0.13))
+        _draw_span(axes, run, begin, end)
     put_title(panels[0], f"until {back_s:.0f} s: lanes, until one is longer again (case 3)")
     put_title(panels[1], f"until {end_s:.0f} s: back by Length, and the occluded region")
     return figure
