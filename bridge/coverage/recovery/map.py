@@ -209,8 +209,8 @@ class EvidenceMap:
         """
         low, high = _pressed(left=left, right=right)
         if abeam:
-            felt_rad = self._options.felt_rad
-            low, high = (felt_rad, _SPAN_RAD) if abeam > 0 else (-_SPAN_RAD, -felt_rad)
+            oblique_rad = self._options.oblique_rad
+            low, high = (oblique_rad, _SPAN_RAD) if abeam > 0 else (-_SPAN_RAD, -oblique_rad)
         seen = self._touched(pose, low, high)
         bearing = 0.5 * (low + high) if seen is None else seen
         rim = self._model.radius_m + 0.25 * self._cell_m
@@ -352,7 +352,7 @@ class EvidenceMap:
         pose: Pose2,
         following: int,
         brake: Braking,
-        touch_m_s: float,
+        contact_m_s: float,
         *,
         straight: bool = False,
     ) -> float:
@@ -362,7 +362,7 @@ class EvidenceMap:
             pose: the robot's pose.
             following: side of a followed wall, left (1) or right (-1); 0: none. It may be touched.
             brake: braking distance of the robot.
-            touch_m_s: maximum speed of a harmless contact along the normal, m/s.
+            contact_m_s: maximum speed of a harmless contact along the normal, m/s.
             straight: True if the followed wall is straight. Older evidence of this wall then does
                 not count. It may be some centimetres wrong because of a pose correction.
 
@@ -380,7 +380,7 @@ class EvidenceMap:
             rim_m,
             beside if following < 0 else rim_m,
             beside if following > 0 else rim_m,
-            touch_m_s,
+            contact_m_s,
             brake.decel,
             brake.latency_s,
             self._model.max_speed_m_s,

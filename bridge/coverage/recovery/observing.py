@@ -71,7 +71,7 @@ class ObservationMonitor:
         self._evidence_map, self._record, self._segments = evidence_map, record, segments
         braking = motion.braking
         self._brake = Braking(braking.share * model.max_accel_m_s2, braking.lag_s)
-        self._touch_m_s = motion.hidden.touch_m_s
+        self._contact_m_s = motion.hidden.contact_m_s
         self.obs = obs
         """The last observation."""
         self.speed_limit_m_s = math.inf
@@ -102,7 +102,7 @@ class ObservationMonitor:
         wall = self.wall
         straight = abs(obs.yaw_rate_rad_s) < self._options.straight_rad_s
         self.speed_limit_m_s = self._evidence_map.speed_limit_m_s(
-            obs.pose, wall.side, self._brake, self._touch_m_s, straight=straight
+            obs.pose, wall.side, self._brake, self._contact_m_s, straight=straight
         )
         if wall.side and not straight:
             self.speed_limit_m_s = min(self.speed_limit_m_s, self._model.cruise_speed_m_s)

@@ -228,7 +228,7 @@ class RecoveryOptions:
     further contact within ``same_bump_m`` increases the turn."""
     same_bump_m: float = 0.06
     """Maximum path between two contacts that count as contacts at the same place, m."""
-    felt_rad: float = math.radians(65.0)
+    oblique_rad: float = math.radians(65.0)
     """Minimum bearing of a contact with a wall to which the robot drives at a small angle, rad."""
     abeam_rad: float = math.radians(60.0)
     """Bearing beyond which evidence near the rim belongs to the followed wall, rad."""

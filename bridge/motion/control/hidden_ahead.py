@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class HiddenAheadTuning:
     """Limits; lengths are in m, angles in rad."""
 
-    touch_m_s: float = 0.026
+    contact_m_s: float = 0.026
     """Maximum speed of a harmless contact along the normal, m/s. A collision begins at 0.03 m/s."""
     lost_m: float = 0.08
     """Minimum increase of the range between two readings that means another obstacle, m."""
@@ -44,7 +44,7 @@ _MAX_STORED = 4
 
 
 def contact_speed(
-    aside_m: float, ahead_m: float, rim_m: float, brake: Braking, touch_m_s: float
+    aside_m: float, ahead_m: float, rim_m: float, brake: Braking, contact_m_s: float
 ) -> float:
     """Return the maximum present speed at which a contact with a point is harmless, m/s.
 
@@ -56,13 +56,13 @@ def contact_speed(
         ahead_m: distance of the point ahead of the footprint's centre, m.
         rim_m: radius of the footprint plus a margin, m.
         brake: braking distance of the motion.
-        touch_m_s: maximum speed of a harmless contact along the normal, m/s.
+        contact_m_s: maximum speed of a harmless contact along the normal, m/s.
 
     """
     if aside_m >= rim_m or ahead_m <= 0.0:
         return math.inf
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
-    touch = touch_m_s * rim_m / reach_m  # the component along the normal is v·cos β
+    touch = contact_m_s * rim_m / reach_m  # the component along the normal is v·cos β
     lag_speed = brake.decel * brake.latency_s
     path_m = max(ahead_m - reach_m, 0.0)
     if not path_m:
@@ -116,7 +116,7 @@ class HiddenAhead:
         ]
         return min(
             (
-                contact_speed(t[1], t[0], self._rim_m, self._brake, self._tune.touch_m_s)
+                contact_speed(t[1], t[0], self._rim_m, self._brake, self._tune.contact_m_s)
                 for t in self._things
             ),
             default=math.inf,

@@ -50,6 +50,17 @@ class FollowState(enum.StrEnum):
     """An inner corner, an obstacle or a cliff is ahead. The robot halts."""
 
 
+class _Contact(enum.Enum):
+    """What the bumper switches and the cliff sensor say about the followed wall."""
+
+    NONE = enum.auto()
+    """No switch is pressed."""
+    WALL = enum.auto()
+    """The followed wall presses the switch on its side."""
+    AHEAD = enum.auto()
+    """An obstacle or a cliff is ahead."""
+
+
 class FollowStep(NamedTuple):
     """Result of one control step."""
 
@@ -74,7 +85,7 @@ class FollowTuning:
     """Gain from the heading error (rad) to the yaw rate (rad/s), 1/s."""
     approach_rad: float = math.radians(20.0)
     """Maximum angle between the heading and the wall, rad."""
-    touch_m_s: float = 0.015
+    contact_m_s: float = 0.015
     """Maximum lateral speed in the approach to a contact, m/s: half the minimum speed of a
     collision."""
     press_m: float = 0.004
@@ -107,7 +118,7 @@ class FollowTuning:
     sure_rad: float = 0.1
     """Standard deviation of a wall's direction above which the steering gain is reduced in
     proportion, rad."""
-    touch_path_m: float = 0.01
+    contact_path_m: float = 0.01
     """Length of the path before a contact that is driven at contact speed, independent of the
     range, m."""
     blind_margin_m: float = 0.002
@@ -156,10 +167,10 @@ class FollowTuning:
     between two readings."""
 
     # -- without side infrared -------------------------------------------------------------------
-    feel_m_s: float = 0.10
+    by_contact_m_s: float = 0.10
     """Speed along a wall that is followed by contact only, m/s. After 12 cm of the curve the robot
     contacts the wall with 0.026 m/s along the normal."""
-    feel_radii: float = 2.8
+    by_contact_radii: float = 2.8
     """Radius at the beginning of the curve towards a wall that is followed by contact only, in
     radii of the footprint."""
     ranging: RangingTuning = field(default_factory=RangingTuning)
@@ -176,7 +187,7 @@ class WallFollower:
     wall's distance, direction and bend b. The heading setpoint ψ* points towards the line at the
     set distance, at ``lookahead_m`` ahead. The yaw rate is ω = K·(ψ* - ψ) + v·b, with a smaller K
     while ψ is uncertain. Near the wall the heading is limited so that the lateral speed is less
-    than ``touch_m_s``.
+    than ``contact_m_s``.
 
     At the end of the wall the robot drives straight until the end is beside its axle. It then
     drives round the end at the set distance until the infrared sensor detects a wall again. The
@@ -247,7 +258,7 @@ class WallFollower:
         self._turned_away_rad = 0.0
         """Turn away from the contact that presses the switch, rad."""
         self._straight_m = math.inf
-        self._felt_m = 0.0
+        self._path_m = 0.0
         """Path since the beginning, for a wall that is followed by contact only, m."""
 
     def step(
@@ -259,7 +270,7 @@ class WallFollower:
         """
         ahead_m, into_rad = self._motion(observation.pose)
         if not self._mount.fitted:
-            return self._feel_along(observation, ahead_m, into_rad, dt_s, speed_limit_m_s)
+            return self._follow_by_contact(observation, ahead_m, into_rad, dt_s, speed_limit_m_s)
         self._track.move(ahead_m, into_rad, self._radius_m)
         self._see(observation, dt_s, ahead_m, into_rad)
         self._straight_m += abs(ahead_m)
@@ -278,13 +289,13 @@ class WallFollower:
         self._arcing = False
         self._state = FollowState.CORNER
 
-    def _feel_along(
+    def _follow_by_contact(
         self, obs: Observation, ahead_m: float, into_rad: float, dt_s: float, limit_m_s: float
     ) -> FollowStep:
         """Curve towards a wall that no sensor detects, more and more sharply, until contact."""
-        self._felt_m += abs(ahead_m)
+        self._path_m += abs(ahead_m)
         self._turned_rad += into_rad
-        speed = min(self._speed, limit_m_s, self._tune.feel_m_s)
+        speed = min(self._speed, limit_m_s, self._tune.by_contact_m_s)
         room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
         bumped = obs.bumper_left or obs.bumper_right or obs.cliff
         if self._room.is_blocked or bumped:
@@ -294,7 +305,7 @@ class WallFollower:
             return FollowStep(HALT, self._state, 0.0)
         self._state = FollowState.FOLLOWING
         min_bend_m = self._radius_m + self._tune.corner_gap_m
-        bend_m = max(self._tune.feel_radii * self._radius_m - self._felt_m, min_bend_m)
+        bend_m = max(self._tune.by_contact_radii * self._radius_m - self._path_m, min_bend_m)
         speed = min(speed, self._brake.speed(room))
         command = VelocityCommand(speed, self._side * min(speed / bend_m, self._max_rate))
         return FollowStep(command, self._state, 0.0)
@@ -411,9 +422,10 @@ class WallFollower:
         if self._room.is_blocked:
             return self._halt()
         speed = min(speed, self._brake.speed(room))
-        nudge = self._bumped(obs, dt_s)
-        if nudge is None:
+        contact = self._contact(obs, dt_s)
+        if contact is _Contact.AHEAD:
             return self._halt()
+        nudge = contact is _Contact.WALL
         if self._state is FollowState.CORNER:
             return self._circle(speed, nudge=nudge)
         distance = self._track.distance_m
@@ -426,7 +438,7 @@ class WallFollower:
         off = distance - self._radius_m - gap_m
         gap = max(distance - self._radius_m, 0.0)
         # A contact must be slow along the normal. So the maximum angle decreases with the gap.
-        across = tune.touch_m_s + max(gap - tune.touch_path_m, 0.0)
+        across = tune.contact_m_s + max(gap - tune.contact_path_m, 0.0)
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
         yaw = self._track.yaw_rad
         if nudge:
@@ -462,29 +474,27 @@ class WallFollower:
         )
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
 
-    def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
-        """Return True to turn away from the wall that presses the switch.
-
-        False: no switch is pressed. None: an obstacle or a cliff is ahead.
-        """
+    def _contact(self, obs: Observation, dt_s: float) -> _Contact:
         left = self._side is Side.LEFT
         near, other = obs.bumper_left, obs.bumper_right
         if not left:
             near, other = other, near
         if other or obs.cliff:
-            return None
+            return _Contact.AHEAD
         if not near:
             if self._pressed_s > 0.0 and self._state is FollowState.CORNER:
                 # The robot has turned until the contact left the switch at its end, abeam.
                 self._corner = (0.0, self._radius_m)
             self._pressed_s = self._turned_away_rad = 0.0
-            return False
+            return _Contact.NONE
         self._pressed_s += dt_s
-        distance = self._track.distance_m
-        beside = distance is not None and distance - self._radius_m < self._tune.jump_m
         if self._state is FollowState.CORNER:
-            return True if self._turned_away_rad < self._tune.max_away_rad else None
-        return True if beside and self._pressed_s < self._tune.nudge_s else None
+            is_wall = self._turned_away_rad < self._tune.max_away_rad
+        else:
+            distance = self._track.distance_m
+            beside = distance is not None and distance - self._radius_m < self._tune.jump_m
+            is_wall = beside and self._pressed_s < self._tune.nudge_s
+        return _Contact.WALL if is_wall else _Contact.AHEAD
 
     def _halt(self) -> VelocityCommand:
         self._state = FollowState.BLOCKED

@@ -80,7 +80,7 @@ class ContactUncertainty:
     def _inflate_at_onset(self) -> None:
         tuning = self._tuning
         if self._estimator.detects_bumps:
-            self._estimator.ekf.inflate(tuning.felt_sigma_m, tuning.felt_sigma_rad)
+            self._estimator.ekf.inflate(tuning.measured_sigma_m, tuning.measured_sigma_rad)
         else:
             self._estimator.ekf.inflate(tuning.bump_sigma_m, tuning.bump_sigma_rad)
 

@@ -39,13 +39,13 @@ class Relocaliser:
         self._contact_tuning = estimator.tuning.contact
         self._tuning = estimator.tuning.measurements
         self._ultrasonic = model.ultrasonic
-        self._graze_m = tuple(
-            model.radius_m - abs(m.y_m) + self._contact_tuning.graze_m
+        self._grazing_range_m = tuple(
+            model.radius_m - abs(m.y_m) + self._contact_tuning.grazing_gap_m
             for m in (model.infrared_left, model.infrared_right)
         )
         self._radius_m = model.radius_m
         self._near = (_Nearness(), _Nearness())
-        self._grazed_m = math.inf
+        self._since_graze_m = math.inf
         self._sides = tuple(
             SideMeasurement(mount, self._tuning)
             for mount in (model.infrared_left, model.infrared_right)
@@ -78,11 +78,13 @@ class Relocaliser:
         """
         estimator, tuning, contact = self._estimator, self._tuning, self._contact_tuning
         grazing = any(
-            near.take(r) < graze_m
-            for near, r, graze_m in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
+            near.take(range_m) < limit_m
+            for near, range_m, limit_m in zip(
+                self._near, (left_m, right_m), self._grazing_range_m, strict=True
+            )
         )
         path_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
-        self._grazed_m = path_m if grazing else self._grazed_m + path_m
+        self._since_graze_m = path_m if grazing else self._since_graze_m + path_m
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < tuning.steady_rad_s
         moving = abs(estimator.v_m_s) > tuning.moving_m_s
@@ -91,10 +93,12 @@ class Relocaliser:
             line = side.add(
                 seen_from, range_m, moving=moving, steady=steady, wander_m_sqrt_m=wander
             )
-            if line is not None and self._grazed_m < tuning.max_span_m:
+            if line is not None and self._since_graze_m < tuning.max_span_m:
                 room_m = _mean_m(line) - self._radius_m
-                grazes = contact.rub_m <= room_m < contact.grazed_m
-                line = line.with_sigma(contact.graze_rad if grazes else contact.rub_rad)
+                grazes = contact.strong_graze_gap_m <= room_m < contact.free_gap_m
+                line = line.with_sigma(
+                    contact.light_graze_rad if grazes else contact.strong_graze_rad
+                )
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1

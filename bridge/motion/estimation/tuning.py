@@ -23,10 +23,10 @@ class ContactTuning:
     without an accelerometer."""
     bump_sigma_rad: float = math.radians(0.5)
     """Standard deviation of the turn in such a contact, rad."""
-    felt_sigma_m: float = 0.0012
+    measured_sigma_m: float = 0.0012
     """Standard deviation of this motion if there is an accelerometer, m. It measures hard contacts,
     so the error comes from soft contacts only."""
-    felt_sigma_rad: float = math.radians(0.05)
+    measured_sigma_rad: float = math.radians(0.05)
     """Standard deviation of this turn if there is an accelerometer, rad."""
     slide_aside: float = 0.18
     """Sideways motion while one switch is pressed, as a share of the wheels' path. It was measured
@@ -54,19 +54,19 @@ class ContactTuning:
     """Maximum path of a contact, m. A switch that stays pressed for longer is stuck."""
     free_readings: int = 4
     """Number of readings without contact that end a contact: 0.15 s."""
-    graze_m: float = 0.005
+    grazing_gap_m: float = 0.005
     """Gap between the rim and a wall beside the robot below which the robot may graze the wall,
     m."""
-    rub_m: float = 0.0005
+    strong_graze_gap_m: float = 0.0005
     """Mean gap below which grazing may turn the measured wall direction towards the heading, m."""
-    rub_rad: float = math.radians(1.5)
-    """Standard deviation of the wall direction with a gap below ``rub_m``, or from ``grazed_m``,
-    rad. Grazing seldom turns the direction, but by up to 1.4°. It affects a measurement on the
-    other side of the robot too."""
-    graze_rad: float = math.radians(0.4)
-    """Standard deviation of the wall direction with a gap from ``rub_m`` to ``grazed_m``, rad.
-    Occasional grazing turns the direction by 0.2 to 0.36°."""
-    grazed_m: float = 0.01
+    strong_graze_rad: float = math.radians(1.5)
+    """Standard deviation of the wall direction with a gap below ``strong_graze_gap_m``, or from
+    ``free_gap_m``, rad. Grazing seldom turns the direction, but by up to 1.4°. It affects a
+    measurement on the other side of the robot too."""
+    light_graze_rad: float = math.radians(0.4)
+    """Standard deviation of the wall direction with a gap from ``strong_graze_gap_m`` to
+    ``free_gap_m``, rad. Occasional grazing turns the direction by 0.2 to 0.36°."""
+    free_gap_m: float = 0.01
     """Minimum gap at which a measured wall cannot be the grazed wall, m."""
 
 

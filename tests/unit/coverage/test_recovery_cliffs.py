@@ -117,7 +117,9 @@ def test_abandoned_targets_are_removed() -> None:
 def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool) -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
-    pace = memory.speed_limit_m_s(Pose2(away_m, 0.0, 0.0), 0, BRAKE, HiddenAheadTuning().touch_m_s)
+    pace = memory.speed_limit_m_s(
+        Pose2(away_m, 0.0, 0.0), 0, BRAKE, HiddenAheadTuning().contact_m_s
+    )
     assert pace == pytest.approx(0.10 if slow else MODEL.max_speed_m_s)
 
 

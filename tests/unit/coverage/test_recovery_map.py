@@ -161,7 +161,7 @@ def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
     for k in range(40):
         memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
-    pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HiddenAheadTuning().touch_m_s)
+    pose, limits = Pose2(0.3, 0.0, 0.0), (Braking(0.3, 0.1), HiddenAheadTuning().contact_m_s)
     assert memory.speed_limit_m_s(pose, -1, *limits) == pytest.approx(MODEL.max_speed_m_s)
     assert memory.speed_limit_m_s(pose, 0, *limits) < 0.2
     assert memory.speed_limit_m_s(Pose2(0.3, 0.0, -0.5 * math.pi), 0, *limits) < 0.03

@@ -15,24 +15,24 @@ MODEL = RobotModel()
 DECEL = 0.3
 NOW = Braking(DECEL, 0.0)
 BRAKE = Braking(DECEL, MotionTuning().braking.lag_s)
-TOUCH_M_S = HiddenAheadTuning().touch_m_s
+CONTACT_M_S = HiddenAheadTuning().contact_m_s
 
 
 def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
     # v² = v_contact² + 2·a·d
-    assert contact_speed(0.0, 0.26, 0.16, NOW, TOUCH_M_S) == pytest.approx(
-        math.sqrt(TOUCH_M_S**2 + 2.0 * DECEL * 0.10)
+    assert contact_speed(0.0, 0.26, 0.16, NOW, CONTACT_M_S) == pytest.approx(
+        math.sqrt(CONTACT_M_S**2 + 2.0 * DECEL * 0.10)
     )
-    assert contact_speed(0.0, 0.16, 0.16, NOW, TOUCH_M_S) == pytest.approx(TOUCH_M_S)
+    assert contact_speed(0.0, 0.16, 0.16, NOW, CONTACT_M_S) == pytest.approx(CONTACT_M_S)
 
 
 def test_aside_only_the_part_along_the_normal_counts() -> None:
     # The contact is 30° from straight ahead, so the speed along the normal is v·cos 30°.
     aside, ahead = 0.16 * math.sin(math.radians(30)), 0.16 * math.cos(math.radians(30))
-    speed = contact_speed(aside, ahead, 0.16, NOW, TOUCH_M_S)
-    assert speed * math.cos(math.radians(30)) == pytest.approx(TOUCH_M_S)
-    assert contact_speed(0.161, 0.3, 0.16, NOW, TOUCH_M_S) == math.inf
-    assert contact_speed(0.0, -0.01, 0.16, NOW, TOUCH_M_S) == math.inf
+    speed = contact_speed(aside, ahead, 0.16, NOW, CONTACT_M_S)
+    assert speed * math.cos(math.radians(30)) == pytest.approx(CONTACT_M_S)
+    assert contact_speed(0.161, 0.3, 0.16, NOW, CONTACT_M_S) == math.inf
+    assert contact_speed(0.0, -0.01, 0.16, NOW, CONTACT_M_S) == math.inf
 
 
 def drive(

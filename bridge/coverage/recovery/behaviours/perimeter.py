@@ -56,7 +56,7 @@ def follow_perimeter(
     side, bumped_m = 1 if left else -1, -math.inf
     speed_m_s = context.geometry.perimeter_speed_m_s
     model = context.model
-    felt = not (model.infrared_left if left else model.infrared_right).fitted
+    by_contact = not (model.infrared_left if left else model.infrared_right).fitted
     while True:
         wall.begin_leg(side)
         begun_m = wall.distance_m
@@ -75,14 +75,14 @@ def follow_perimeter(
             break
         again = again + 1 if wall.distance_m - bumped_m < options.same_bump_m else 0
         bumped_m = wall.distance_m
-        abeam = side if felt and not again and _touches_only(result, side) else 0
+        abeam = side if by_contact and not again and _touches_only(result, side) else 0
         yield from react(context, result, result.pose.theta_rad, abeam=abeam)
         if reason is StopReason.CLIFF:
             break
         # Turn until the contact is beside the robot. A contact on the other side is an inner
         # corner.
         if abeam:
-            away = options.felt_rad
+            away = options.oblique_rad
         else:
             away = side * context.evidence_map.bearing_rad(result, beside=side if again else 0)
         away = max(QUARTER - away, min(options.min_away_rad * (1 + again), QUARTER))
