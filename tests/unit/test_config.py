@@ -16,6 +16,7 @@ from bridge.config import (
 )
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount, RobotModel
+from campaign.robot_sizes import SIZES, robot_of_size
 
 
 def test_an_empty_file_is_the_papers_robot() -> None:
@@ -203,6 +204,13 @@ def test_a_robot_to_scale_is_accepted(diameter_m: float) -> None:
         y_m = {-0.10 * scale}
     """
     assert parse_robot(text).robot_diameter_m == diameter_m
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_only_the_blind_robot_of_the_table_of_sizes_has_cautions(name: str) -> None:
+    model = robot_of_size(name)
+    assert parse_robot(to_toml(model)) == model
+    assert bool(robot_cautions(model)) == (name == "blind")
 
 
 def test_a_sensor_that_is_not_fitted_is_a_caution_and_nothing_of_it_is_checked() -> None:
