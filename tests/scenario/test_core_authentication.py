@@ -9,7 +9,6 @@ import pytest
 
 from protocol.authentication import Authenticator, covered_can, key_words
 from protocol.can.link import CanLink
-from protocol.link import Received
 from protocol.messages.device import Challenge, Hello, Nack
 from protocol.messages.host import (
     ClearStop,
@@ -26,14 +25,14 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, run
 from support.core_build import FIRMWARE, script_board, wire
-from support.script_format import Boot, Readings, Step
+from support.script_format import Boot, Readings, Step, received
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from protocol.link import LinkBase
     from protocol.schema.message import Message
-    from support.script_format import Act, Reported
+    from support.script_format import Act
 
 pytestmark = pytest.mark.slow
 
@@ -225,11 +224,6 @@ def keyed_by_uart() -> list[Act]:
     for _ in range(20):
         host.greet()
     return [Readings(), Boot(boot_id=1), *host.acts]
-
-
-def received(reports: Sequence[Reported], link: LinkBase) -> list[Received]:
-    events = [event for report in reports for event in link.receive(report.wrote, report.now_us)]
-    return [event for event in events if isinstance(event, Received)]
 
 
 @pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])

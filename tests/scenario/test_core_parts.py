@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.generate import render
+from protocol.messages.device import INFRARED_NONE, ULTRASONIC_NONE, Range
+from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, locked, run, tool
 from support.core_build import CORE, FIRMWARE, compile_core, script_board, wire
 from support.desk_device import check_that_connect_accepts
 from support.random_scripts import Writer
-from support.script_format import script
+from support.script_format import Boot, Readings, received, script
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,6 +77,27 @@ def _short_steps(data: bytes) -> bytes:
             short[at + 3] &= 3
             short[at + 4] = 0
     return bytes(short)
+
+
+@pytest.mark.parametrize("connected", [True, False])
+def test_inputs_of_parts_that_are_not_connected_have_no_effect(
+    connected: bool,  # noqa: FBT001 - a parameter of the test
+) -> None:
+    writer = Writer()
+    writer.acts = [
+        Readings(ultrasonic_mm=50, infrared_dmm=(400, 500), contacts=7),
+        Boot(only_wheels_and_imu=not connected),
+    ]
+    writer.begin()
+    writer.drive(200, 0, 20)
+    reports = script_board().run(writer.acts)
+    stands = reports[-1].motors == (0, 0)
+    assert stands == connected, "a pressed bumper and a missing floor stop the robot"
+    sent = [event.message for event in received(reports, Link(Direction.HOST))]
+    last = [message for message in sent if isinstance(message, Range)][-1]
+    values = last.ultrasonic, last.infrared_left, last.infrared_right, int(last.contacts)
+    none = (ULTRASONIC_NONE, INFRARED_NONE, INFRARED_NONE, 0)
+    assert values == ((50, 32, 40, 7) if connected else none), "40 and 50 mm in steps of 1.25 mm"
 
 
 def test_no_heap_and_no_other_library() -> None:

@@ -14,10 +14,13 @@ from cobs import cobs
 
 from bridge.motion.robot_model import RobotModel
 from protocol.can.frames import RECORD
+from protocol.link import Received
 from sim_device.device.parameters import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from protocol.link import LinkBase
 
 NO_RANGE = 0xFFFF
 PARAMETERS = len(table(RobotModel(), node=1))
@@ -41,9 +44,10 @@ class Boot:
     reset_cause: int = 0
     can: bool = False
     empty_flash: bool = True
+    only_wheels_and_imu: bool = False
 
     def record(self) -> bytes:
-        flags = self.can | self.empty_flash << 1
+        flags = self.can | self.empty_flash << 1 | self.only_wheels_and_imu << 5
         return _BOOT.pack(b"B", self.boot_id, self.reset_cause, flags)
 
 
@@ -165,6 +169,12 @@ def read(data: bytes) -> list[Reported]:
         )
         at += length
     return reported
+
+
+def received(reports: Iterable[Reported], link: LinkBase) -> list[Received]:
+    """Return the messages that the firmware sent, as the host's link receives them."""
+    events = [event for report in reports for event in link.receive(report.wrote, report.now_us)]
+    return [event for event in events if isinstance(event, Received)]
 
 
 def frames(wrote: bytes, *, can: bool = False) -> Sequence[bytes]:

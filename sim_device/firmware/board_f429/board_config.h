@@ -5,10 +5,12 @@
 #define BOARD_CONFIG_H
 
 #define BOARD_NAME "firmware on an STM32F429"
-/* Parts that are connected to the board. */
+/* Parts that are connected to the board. With fewer parts, set -DBOARD_CAPABILITIES=... */
+#ifndef BOARD_CAPABILITIES
 #define BOARD_CAPABILITIES                                                                       \
     (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC |                     \
      SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF)
+#endif
 
 #ifndef BOARD_HSE_MHZ
 #define BOARD_HSE_MHZ 25u /* of the crystal */

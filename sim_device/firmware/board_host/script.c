@@ -5,7 +5,8 @@
  * A script is a sequence of records, integers little-endian:
  *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
  *                                               4: without its crystal, 8: after a crash, 16: with a
- *                                               flash that keeps nothing from now on
+ *                                               flash that keeps nothing from now on, 32: without
+ *                                               rangers, bumper and cliff sensor
  *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u32 age of the first in us, u8 contacts, u16 x4 power
  *                                               sensor readings from now on (board.h)
  *   'S' u32 microseconds, u16 length, bytes     run for this time, then receive the data:
@@ -259,9 +260,11 @@ static void take_boot(reader_t *reader)
     lives.identity.crash = flags & 8u ? &CRASH : NULL;
     lives.worn = flags & 16u;
     lives.identity.name = NAME;
-    lives.identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU
-        | SP_CAPABILITY_ULTRASONIC | SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER
-        | SP_CAPABILITY_CLIFF;
+    lives.identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU;
+    if (!(flags & 32u)) {
+        lives.identity.capabilities |= SP_CAPABILITY_ULTRASONIC | SP_CAPABILITY_INFRARED
+            | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF;
+    }
     if (flags & 2u) {
         memset(lives.pages, 0xFF, sizeof lives.pages);
     }

@@ -16,6 +16,7 @@
      SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF)
 #endif
 
+#undef BOARD_HSE_MHZ       /* given for a bare chip; this clock is fixed */
 #define BOARD_HSE_MHZ 8u   /* the ST-LINK's MCO */
 #define BOARD_HSE_BYPASS 1 /* 1: an external clock (UM1974 6.7.1, as delivered) */
 

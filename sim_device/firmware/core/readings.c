@@ -7,9 +7,22 @@ static correction_t correction(const parameters_t *parameters, uint8_t scale)
     return found;
 }
 
+/* Return the bits of SP_CONTACT_* whose parts are connected. */
+static uint8_t connected_contacts(uint16_t capabilities)
+{
+    const bool bumper = capabilities & SP_CAPABILITY_BUMPER;
+    const bool cliff = capabilities & SP_CAPABILITY_CLIFF;
+    return (uint8_t)((bumper ? SP_CONTACT_BUMPER_LEFT | SP_CONTACT_BUMPER_RIGHT : 0)
+        | (cliff ? SP_CONTACT_CLIFF : 0));
+}
+
 void readings_start(readings_t *readings, board_t *board, const parameters_t *parameters)
 {
+    const uint16_t capabilities = board_identity(board)->capabilities;
     readings->board = board;
+    readings->connected_contacts = connected_contacts(capabilities);
+    readings->has_ultrasonic = capabilities & SP_CAPABILITY_ULTRASONIC;
+    readings->has_infrared = capabilities & SP_CAPABILITY_INFRARED;
     readings->ultrasonic = correction(parameters, PARAMETER_ULTRASONIC_SCALE);
     readings->infrared_left = correction(parameters, PARAMETER_INFRARED_LEFT_SCALE);
     readings->infrared_right = correction(parameters, PARAMETER_INFRARED_RIGHT_SCALE);
@@ -46,7 +59,8 @@ uint8_t readings_contacts(readings_t *readings)
 {
     if (!readings->contacts_known) {
         readings->contacts_known = true;
-        readings->contacts = board_contacts(readings->board);
+        readings->contacts =
+            (uint8_t)(board_contacts(readings->board) & readings->connected_contacts);
     }
     return readings->contacts;
 }
@@ -57,6 +71,12 @@ const around_t *readings_around(readings_t *readings)
         readings->around_known = true;
         board_ranges_t *const ranges = &readings->around.ranges;
         board_ranges(readings->board, ranges);
+        if (!readings->has_ultrasonic) {
+            ranges->ultrasonic_mm = BOARD_NO_RANGE;
+        }
+        if (!readings->has_infrared) {
+            ranges->infrared_left_dmm = ranges->infrared_right_dmm = BOARD_NO_RANGE;
+        }
         ranges->ultrasonic_mm = corrected(ranges->ultrasonic_mm, &readings->ultrasonic, 1e3f);
         ranges->infrared_left_dmm =
             corrected(ranges->infrared_left_dmm, &readings->infrared_left, 1e4f);

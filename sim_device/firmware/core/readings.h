@@ -22,6 +22,9 @@ typedef struct {
 
 typedef struct {
     board_t *board;
+    /* Inputs of parts that are not connected float, so they are not used. */
+    uint8_t connected_contacts; /* SP_CONTACT_* */
+    bool has_ultrasonic, has_infrared;
     correction_t ultrasonic, infrared_left, infrared_right;
     bool begun;          /* `zero` is valid */
     board_encoders_t zero;
