@@ -32,11 +32,11 @@ def react(
         context.record.emit(events.obstacle_found(result))
         yield from _leave_cliff(context, heading_rad)
     elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
-        both = not (result.bumper_left or result.bumper_right)
+        no_switch = not (result.bumper_left or result.bumper_right)
         context.evidence_map.add_bump(
             result.pose,
-            left=result.bumper_left or both,
-            right=result.bumper_right or both,
+            left=result.bumper_left or no_switch,
+            right=result.bumper_right or no_switch,
             abeam=abeam,
         )
         context.record.emit(events.obstacle_found(result))

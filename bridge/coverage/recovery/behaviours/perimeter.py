@@ -53,7 +53,7 @@ def follow_perimeter(
         "perimeter-begin", f"perimeter pass: wall on the {'left' if left else 'right'}"
     )
     stuck = again = 0
-    side, bumped_m = 1 if left else -1, -math.inf
+    side, last_stop_m = 1 if left else -1, -math.inf
     speed_m_s = context.geometry.perimeter_speed_m_s
     model = context.model
     by_contact = not (model.infrared_left if left else model.infrared_right).fitted
@@ -73,8 +73,8 @@ def follow_perimeter(
             or stuck > options.perimeter_max_stuck
         ):
             break
-        again = again + 1 if wall.distance_m - bumped_m < options.same_bump_m else 0
-        bumped_m = wall.distance_m
+        again = again + 1 if wall.distance_m - last_stop_m < options.same_bump_m else 0
+        last_stop_m = wall.distance_m
         abeam = side if by_contact and not again and _touches_only(result, side) else 0
         yield from react(context, result, result.pose.theta_rad, abeam=abeam)
         if reason is StopReason.CLIFF:
