@@ -38,7 +38,7 @@ from bridge.motion.legs import Dwell
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, STEP_S, FastWorld
-from tools.experiment.room_generator import column, rectangle, turned
+from tools.rooms.generator import column, rectangle, turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -31,7 +31,7 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.legs import Dwell
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -49,6 +49,31 @@ def test_every_comment_of_a_new_robot_file_can_be_made_a_key(tmp_path: Path) -> 
     assert sweepctl("robot", "check", str(path)).status == 0
 
 
+def test_a_generated_room_is_the_same_each_time_and_takes_another_start() -> None:
+    shown = sweepctl("room", "show", "generated:legs:422", "--json")
+    assert shown.status == 0
+    assert json.loads(shown.out)["room"] == "legs-422"
+    assert sweepctl("room", "show", "generated:legs:422", "--json").out == shown.out
+    moved = sweepctl("room", "show", "generated:legs:422", "--start", "0.5,2.4,0", "--json")
+    assert json.loads(moved.out)["start"] != json.loads(shown.out)["start"]
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("generated:foo:1", "one of the kinds box, ell, "),
+        ("generated:box", "the name must be generated:KIND:N"),
+        ("generated:box:²", "the name must be generated:KIND:N"),
+        ("layout:nope", "no layout 'nope': give one of wall-obstacle, "),
+        ("nowhere", "two-rooms, generated:KIND:N, layout:NAME"),
+    ],
+)
+def test_the_error_of_a_wrong_name_lists_the_right_ones(name: str, problem: str) -> None:
+    done = sweepctl("simulate", name)
+    assert done.status == 2
+    assert problem in done.line
+
+
 def test_a_robot_file_is_not_replaced_unasked(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("name = 'kept'\n")

@@ -17,7 +17,7 @@ from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
-from tools.experiment.room_generator import KINDS, generate_room
+from tools.rooms.generator import KINDS, generate_room
 
 pytestmark = pytest.mark.slow
 

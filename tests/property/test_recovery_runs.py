@@ -9,7 +9,7 @@ from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 
 pytestmark = pytest.mark.slow
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @click.option(
     "--room",
     shell_complete=complete_room,
-    help="Room file or name of a shipped room; adds coverage and a map.",
+    help="Room file or name of a room; adds coverage and a map.",
 )
 @options.port_options
 @adapter_delay_option

@@ -140,7 +140,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Run a virtual sweeper in ROOM in real time, until Ctrl-C.
 
-    ROOM is a room file or the name of a shipped room; the default is case-1. The first line on
+    ROOM is a room file or a name (`docs/rooms.md`); the default is case-1. The first line on
     stdout is "ready PORT"; pass this PORT to connect.
     """
     if list_faults:

@@ -76,7 +76,7 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
     default=0,
     show_default=True,
     metavar="N",
-    help="Add N generated rooms.",
+    help="Add N generated rooms; with --rooms '' there are no others.",
 )
 @click.option(
     "--planners",
@@ -89,7 +89,8 @@ def _factors(ctx: click.Context, param: click.Parameter, text: str) -> list[floa
     callback=_listed(NOISE_LEVELS),
     default="typical",
     show_default=True,
-    help="Noise levels, separated by commas; limits also runs the level perfect.",
+    help="Noise levels of none, paper, typical, harsh, separated by commas; limits also runs the "
+    "level perfect.",
 )
 @click.option(
     "--seeds",
@@ -194,8 +195,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     sensitivity runs recovery with each tuned constant multiplied by each of --factors, and compares
     with the defaults run by run.
 
-    Besides files and names of shipped rooms, --rooms takes generated:KIND:N and layout:NAME. With
-    --robots, a table compares the robots.
+    --rooms also takes generated:KIND:N and layout:NAME (`docs/rooms.md`). With --robots, a table
+    compares the robots.
 
     The results are runs.csv, curves.csv, tables.md, report.html, and the Parquet dataset in the
     folder dataset. Ctrl-C or SIGTERM ends the runs and reports on those that are done; the same

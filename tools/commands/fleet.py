@@ -40,7 +40,7 @@ _PORT_OPTIONS = ("baud", "bitrate")
 @click.option(
     "--room",
     shell_complete=complete_room,
-    help="Room file or name of a shipped room, the same for all robots. Each summary then has the "
+    help="Room file or name of a room, the same for all robots. Each summary then has the "
     "coverage.",
 )
 @click.option(

@@ -38,7 +38,7 @@ _room = click.argument("room", shell_complete=complete_room)
 def check(*, room: str, robot: Path | None, start: Pose2 | None, as_json: bool) -> int:
     """Report every problem of ROOM, and what is probably wrong in it.
 
-    ROOM is a room file or the name of a shipped room. The exit status is 2 if the room cannot be
+    ROOM is a room file or a name (`docs/rooms.md`). The exit status is 2 if the room cannot be
     used with the robot, else 0.
     """
     from bridge.config import load_robot

@@ -120,7 +120,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Run a planner against the virtual sweeper in ROOM, in virtual time.
 
-    ROOM is a room file or the name of a shipped room. Every byte passes through the codec, as on a
+    ROOM is a room file or a name (`docs/rooms.md`). Every byte passes through the codec, as on a
     real link.
     """
     from bridge.api.robot_parts import planner_number

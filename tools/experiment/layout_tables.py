@@ -5,10 +5,10 @@ from __future__ import annotations
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.paper_trials import RANGE_LEVEL, STRICT_END, TOLERANCES
 from tools.experiment.tables import Table, group, percent, spread, values
 from tools.experiment.trials import TrialKind
+from tools.rooms.layouts import LAYOUT, LAYOUTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from bridge.coverage.baselines.paper import PaperOptions
 from sim_device.noise import NoiseLevel
-from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.trials import OPEN_FLOOR, Trial, TrialKind
+from tools.rooms.layouts import LAYOUT, LAYOUTS
 
 TABLE_2_SEEDS = 5
 """Number of runs of each room: the paper ran case 1 five times (Table 2)."""

@@ -11,14 +11,12 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bridge.config import load_robot
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
-from tools.cli.rooms import load_room, shipped_rooms
-from tools.experiment.layouts import LAYOUT, layout_plan
-from tools.experiment.room_generator import KINDS, generate_room
+from tools.cli.rooms import GENERATED, load_room, shipped_rooms
+from tools.rooms.generator import KINDS
+from tools.rooms.layouts import LAYOUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -26,8 +24,6 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 
-GENERATED = "generated:"
-"""Prefix of the names of generated rooms, ``generated:KIND:N``."""
 OPEN_FLOOR = "open-floor"
 """Name of an empty room of 20 m by 20 m with the start in the middle, where the robot measures no
 wall."""
@@ -39,9 +35,6 @@ NOISELESS = frozenset({PERFECT, "none"})
 """Noise levels at which every seed gives an equal run, except with the planner ``RANDOM``."""
 RANDOM = "random"
 """Name of the planner that uses the seed itself."""
-_DRAWN_FROM = 0x5EED
-"""First part of the seeds of generated rooms. It makes them differ from other seeds with equal
-number."""
 
 
 class TrialKind(StrEnum):
@@ -186,16 +179,7 @@ def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
     if name == OPEN_FLOOR:
         corners = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
         return FloorPlan(name, corners, (), Pose2(10.0, 10.0, 0.0))
-    if name.startswith(LAYOUT):
-        return layout_plan(name.removeprefix(LAYOUT))
-    if name in ROOMS_HERE:
-        return ROOMS_HERE[name]
-    kind, _, number = name.removeprefix(GENERATED).partition(":")
-    if not name.startswith(GENERATED) or kind not in KINDS or not number.isdecimal():
-        return load_room(name, radius_m or None)
-    return generate_room(
-        int(number), np.random.default_rng([_DRAWN_FROM, int(number)]), kind, radius_m
-    )
+    return ROOMS_HERE.get(name) or load_room(name, radius_m or None)
 
 
 def is_file(room: str) -> bool:

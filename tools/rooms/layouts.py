@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
-from tools.experiment.room_generator import column, rectangle
+from tools.rooms.generator import column, rectangle
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import Polygon

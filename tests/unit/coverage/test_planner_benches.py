@@ -16,7 +16,7 @@ from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, STEP_S, FastRun, run_fast
 from support.root import ROOT
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 
 pytestmark = pytest.mark.slow
 

@@ -21,7 +21,7 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 from support.observed import AT_REST
 from support.recovery import context_at
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.context import RecoveryContext

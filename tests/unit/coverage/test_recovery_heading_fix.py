@@ -24,7 +24,7 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import FastWorld
 from support.observed import AT_REST
 from support.recovery import context_at
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 
 if TYPE_CHECKING:
     from collections.abc import Generator

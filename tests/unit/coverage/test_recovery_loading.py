@@ -15,7 +15,7 @@ import numpy as np
 from bridge.coverage.registry import make_planner
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 plan = generate_room(3, np.random.default_rng(3), "legs")
 planner = make_planner("recovery", RobotModel(), np.random.default_rng(1))
 before = set(sys.modules)

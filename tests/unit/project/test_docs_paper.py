@@ -7,7 +7,7 @@ from dataclasses import fields
 
 from bridge.coverage.baselines.paper import PaperOptions
 from support.root import ROOT
-from tools.experiment.layouts import LAYOUTS
+from tools.rooms.layouts import LAYOUTS
 
 DOCS = ROOT / "docs"
 

@@ -9,7 +9,7 @@ from bridge.motion.estimation.disturbance import Disturbance, DisturbanceKind
 from bridge.motion.robot_model import RobotModel
 from bridge.run.recording import HostRecords
 from support.events import Events
-from tools.experiment.room_generator import generate_room
+from tools.rooms.generator import generate_room
 from tools.virtual.run import run_virtual
 
 BUMP = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)

@@ -11,7 +11,6 @@ import pytest
 from bridge.floor_plan.floor_plan import FloorPlanError
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES
-from tools.experiment.room_generator import distance_m
 from tools.experiment.runs import run_all
 from tools.experiment.store import Store
 from tools.experiment.trials import (
@@ -25,6 +24,7 @@ from tools.experiment.trials import (
 )
 from tools.experiment.unswept_causes import CAUSES
 from tools.experiment.worker import run_trial
+from tools.rooms.generator import distance_m
 
 if TYPE_CHECKING:
     from pathlib import Path

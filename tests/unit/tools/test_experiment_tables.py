@@ -18,7 +18,6 @@ from tools.experiment.compare_tables import shared, zimablue_table
 from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.figures import path_picture
 from tools.experiment.layout_tables import range_table
-from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.paper_tables import (
     PAPER_SHARES,
     beside_rows,
@@ -31,6 +30,7 @@ from tools.experiment.store import LINES, ExperimentFolderError, Store, code_ver
 from tools.experiment.tables import at_multiples, repeat_command, worst_table
 from tools.experiment.trials import OPEN_FLOOR, Trial, TrialKind, generated_rooms, room_of
 from tools.experiment.zimablue_run import enlarged
+from tools.rooms.layouts import LAYOUT, LAYOUTS
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bridge.floor_plan.floor_plan import parse_floorplan
-from tools.experiment.room_generator import KINDS, distance_m, generate_room, rectangle
+from tools.rooms.generator import KINDS, distance_m, generate_room, rectangle
 
 
 @pytest.mark.parametrize("kind", KINDS)
