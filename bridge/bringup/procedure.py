@@ -277,7 +277,7 @@ class BringUp:
             )
         yield self._sense(
             "cliff",
-            "Hold a sheet of paper under the cliff sensor, then take it away.",
+            "Cover all cliff sensors with paper, then uncover one of them.",
             _has(Contact.CLIFF),
             {},
             first=lambda r: not r.contacts & Contact.CLIFF,
