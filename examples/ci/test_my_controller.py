@@ -24,7 +24,7 @@ def go_to(x_m: float, y_m: float, robot: SimulatedSweeper | Robot) -> tuple[floa
     return speed, 1.5 * bearing
 
 
-@pytest.mark.sweeper(room="empty", noise="typical", seed=3)
+@pytest.mark.sweeper(room="empty", noise="typical", seed=3, record=True)
 def test_it_arrives(sweeper: SimulatedSweeper) -> None:
     sweeper.enable()
     target = (1.5, 1.2)
