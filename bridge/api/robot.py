@@ -430,6 +430,8 @@ class Robot:
         """
         self._reopen()
         self._in_loop(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
+        if self._seen.phase is Phase.HOLDING:
+            raise DeviceLostError(f"{self._name}: the device is silent; wait until it answers")
         self._until(lambda: self.enabled or self._seen.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
             raise cannot_move(self._seen.ending)
@@ -457,7 +459,8 @@ class Robot:
             _limited(yaw_rate_rad_s, self.model.max_yaw_rate_rad_s),
         )
         # Run in the loop's thread, so that no control step uses the old velocity.
-        self._pump.call(lambda: self._drive.drive(command))
+        now_s = clock.now() / 1e9
+        self._pump.call(lambda: self._drive.drive(command, now_s))
 
     def _reopen(self) -> None:
         """Open a new session after a stop; the robot keeps its pose."""
@@ -648,7 +651,7 @@ class Robot:
         self._thread.join(timeout=OPEN_TIMEOUT_S)
         return result
 
-    def _in_loop(self, action: Callable[[], None]) -> None:
+    def _in_loop(self, action: Callable[[], object]) -> None:
         """Run ``action`` in the loop's thread and wait for it.
 
         Raises:

@@ -72,9 +72,9 @@ class ManualDrive:
         self._command: tuple[float, VelocityCommand] | None = None
         self.target = HALT
 
-    def drive(self, command: VelocityCommand) -> None:
-        """Follow ``command`` from the next control step on."""
-        self._command = (-1.0, command)
+    def drive(self, command: VelocityCommand, now_s: float) -> None:
+        """Follow ``command`` from the next control step on; ``now_s`` is the present time."""
+        self._command = (now_s, command)
 
     def step(self, obs: Observation) -> VelocityCommand:
         """Return the velocity setpoint of one control step."""
@@ -83,9 +83,7 @@ class ManualDrive:
             self.target = HALT
             return HALT
         since_s, command = newest
-        if since_s < 0.0:
-            self._command = (obs.time_s, command)
-        elif obs.time_s - since_s > SETPOINT_TIMEOUT_S:
+        if obs.time_s - since_s > SETPOINT_TIMEOUT_S:
             self._command = None
             self.target = HALT
             return HALT

@@ -13,6 +13,7 @@ import threading
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 from bridge.errors import PortError
+from bridge.io import clock
 from bridge.io.readable import readable
 
 if TYPE_CHECKING:
@@ -28,6 +29,9 @@ DEAD_SHARE = 0.12
 """Dead zone, as a share of the full deflection. The value of a stick at rest is up to 0.1."""
 REPEAT_S = 0.1
 """Interval of repeated stick reports, s. The interface itself reports changes only."""
+SILENT_S = 3.0
+"""Time without an event after which the sticks count as released, s. A wireless pad that has lost
+its link sends nothing, but its device file stays for some time."""
 
 
 _GET_VERSION = 0x8004_6A01
@@ -147,6 +151,8 @@ class Gamepad:
         self._on_sticks, self._on_stop, self._on_gone = on_sticks, on_stop, on_gone
         self._state = PadState(layout or PadLayout())
         self._fd = open_joystick(path)
+        self._event_ns = clock.now()
+        """Time of the newest event of the device, ns."""
         self._end_read, self._end_write = os.pipe()
         self._thread = threading.Thread(target=self._run, name="gamepad", daemon=True)
 
@@ -166,11 +172,13 @@ class Gamepad:
                     self._on_sticks(Sticks(0.0, 0.0, held=False))
                     self._on_gone()
                     return
+                self._event_ns = clock.now()
                 if self._state.feed(data):
                     self._on_stop()
             elif not self._state.sticks.held:
                 continue
-            self._on_sticks(self._state.sticks)
+            silent = clock.now() - self._event_ns > SILENT_S * 1e9
+            self._on_sticks(Sticks(0.0, 0.0, held=False) if silent else self._state.sticks)
 
     def __enter__(self) -> Self:
         """Start to read."""

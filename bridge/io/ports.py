@@ -1,4 +1,7 @@
-"""Serial ports through pyserial. A thread waits for their bytes without polling."""
+"""Serial ports through pyserial. A thread waits for their bytes without polling.
+
+A port without a file descriptor (``rfc2217://``, and any port on Windows) is polled at 200 Hz.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 
 DEFAULT_BAUD = 921_600
 """Default baud rate of a serial port."""
+_RFC2217 = "rfc2217://"
 READ_SIZE = 65_536
 """Maximum number of bytes of one read."""
 
@@ -84,7 +88,8 @@ class SerialPort:
         """Warning about a driver that delays bytes; None without a delay."""
         try:
             self._port.timeout = 0 if self._fd is not None else 0.005
-            self._port.write_timeout = 0
+            if not url.startswith(_RFC2217):  # pyserial has no timeout for writing there
+                self._port.write_timeout = 0
         except serial.SerialException as error:  # unplugged
             self.close()
             raise PortError(f"{url} is gone: {reason(error)}") from None
@@ -169,7 +174,7 @@ class SerialPort:
     def _hang_up(self) -> None:
         """Close a socket directly, because pyserial sleeps 0.3 s after closing it."""
         connection = getattr(self._port, "_socket", None)
-        if connection is not None:
+        if isinstance(self._port, TcpPort) and connection is not None:
             self._port.is_open = False
             connection.close()
 

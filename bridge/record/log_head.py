@@ -97,7 +97,7 @@ def _indexed(data: Bytes) -> list[Found] | None:
             # Both kinds of index records begin with the offset and the length of the record they
             # point to.
             offset, whole = _PLACE.unpack_from(data, start)
-            if offset + whole > size or data[offset] != _INDEXES[opcode]:
+            if whole < HEAD.size or offset + whole > size or data[offset] != _INDEXES[opcode]:
                 return None
             found.append(Found(data[offset], offset, offset + HEAD.size, offset + whole))
     return sorted(found, key=lambda each: each.offset)

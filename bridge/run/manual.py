@@ -103,7 +103,7 @@ class Operator:
         """Start the plan, or resume it."""
         made = None
         if self._plan is None and self._make_plan is not None:
-            made = self._make_plan()  # no lock: it takes seconds, and the loop must run
+            made = self._make_plan()  # no lock: it takes 0.1 s, and the loop must run
         with self._lock:
             if self._plan is None:
                 self._plan = made
@@ -113,7 +113,7 @@ class Operator:
             self._plan.resume()
             self._go(DriveMode.PLAN, "the plan drives")
 
-    def pause(self) -> None:
+    def toggle_pause(self) -> None:
         """Pause the plan; if paused, resume it."""
         with self._lock:
             if self._drive_mode is DriveMode.PLAN and self._plan is not None:
@@ -139,6 +139,18 @@ class Operator:
         self._events.append(PlannerEvent("operator", text))
 
     # ---- runner -----------------------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Pause the plan for supervision or after a loss; the operator's choice stays."""
+        with self._lock:
+            if self._plan is not None:
+                self._plan.pause()
+
+    def resume(self) -> None:
+        """Continue the plan, unless the operator has paused it."""
+        with self._lock:
+            if self._drive_mode is DriveMode.PLAN and self._plan is not None:
+                self._plan.resume()
 
     @property
     def finished(self) -> bool:

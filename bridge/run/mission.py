@@ -138,6 +138,8 @@ class Mission:
         """True if the operator has continued the run. Then the stop that the device latched at the
         loss may be cleared."""
         self._clear_any = clear_stop
+        self._clear_cause: int = StopCause.NONE
+        """Cause of the stop that may be cleared; NONE: no additional cause."""
         self._max_time_s = max_time_s
         self._at_rest_s = at_rest_s
         self._since_s = 0.0
@@ -179,11 +181,26 @@ class Mission:
         """Time at which a run with a lost device ends (s); None: the device is not lost."""
         return self._since_s + LOST_TIMEOUT_S if self.phase is Phase.HOLDING else None
 
-    def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
-        """Add a runner to a run that only monitors; the runner starts with the next status."""
-        if self.runner is None and self.phase is Phase.WAITING:
-            self.runner = runner
-            self._clear_any = clear_stop
+    def start(
+        self, runner: Runner, *, clear_stop: bool = False, clear_cause: int = StopCause.NONE
+    ) -> bool:
+        """Add a runner to a run that only monitors; the runner starts with the next status.
+
+        Args:
+            runner: decides the velocity.
+            clear_stop: clear a latched stop of any cause.
+            clear_cause: clear a latched stop of this cause only.
+
+        Returns:
+            False: the run has a runner already, or cannot start now.
+
+        """
+        if self.runner is not None or self.phase is not Phase.WAITING:
+            return False
+        self.runner = runner
+        self._clear_any = clear_stop
+        self._clear_cause = clear_cause
+        return True
 
     def requests(self) -> list[Request]:
         """Return and remove the requests for the session."""
@@ -242,6 +259,7 @@ class Mission:
         elif self.phase is Phase.DONE:
             return
         elif self._was_ready:
+            self._clear_any, self._clear_cause = False, StopCause.NONE  # for the first start only
             if self.phase is Phase.DRIVING:
                 hold(self.runner)
             self._go(Phase.HOLDING, now_s)
@@ -500,6 +518,7 @@ class Mission:
         elif (
             cause == StopCause.SESSION_END
             or self._clear_any
+            or cause == self._clear_cause
             or (self._resumed and cause == StopCause.LINK)
         ):
             self.pending.append(Request("clear", cause))

@@ -67,6 +67,7 @@ class TypeCount:
         self.count += 1
         self.newest = seen
         self._times.append(seen.host_ns)
+        self._drop_before(seen.host_ns - RATE_WINDOW_NS)
 
     def rate_hz(self, now_ns: int, since_ns: int) -> float:
         """Return the mean rate over the window; it decreases if no message arrives.
@@ -74,14 +75,16 @@ class TypeCount:
         Intervals are counted, not messages: two messages that are 1 s apart are 1 Hz. Without an
         interval the rate is that of the messages since the start, over at least 1 s.
         """
-        oldest = now_ns - RATE_WINDOW_NS
         times = self._times
-        while times and times[0] < oldest:
-            times.popleft()
+        self._drop_before(now_ns - RATE_WINDOW_NS)
         if not times or times[0] == times[-1]:
             return len(times) / (min(RATE_WINDOW_NS, max(now_ns - since_ns, _SECOND)) / _SECOND)
         mean_ns = (times[-1] - times[0]) / (len(times) - 1)
         return _SECOND / max(mean_ns, (now_ns - times[0]) / len(times))
+
+    def _drop_before(self, oldest_ns: int) -> None:
+        while self._times and self._times[0] < oldest_ns:
+            self._times.popleft()
 
 
 class Monitor:

@@ -327,11 +327,12 @@ class Session:
         self._outbox.duty(left, right, ttl_ms, now_ns)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
-        """Latch a stop of this cause and repeat it until the device confirms it.
+        """Latch a stop of this cause; in a session, repeat it until the device confirms it.
 
-        The stop is sent in any state, because a device obeys a stop outside a session too. An
-        unconfirmed stop is sent again in the next session. If no device has answered yet, an
-        operator's stop is sent to every device on the port. Returns the command id.
+        The stop is sent in any state, because a device obeys a stop outside a session too. Outside
+        a session it is sent once, and an unconfirmed stop is sent again in the next session. If no
+        device has answered yet, an operator's stop is sent to every device on the port. Returns
+        the command id.
         """
         self._open_stop = max(cause, self._open_stop or 0)
         if self._outbox.node is None and cause >= StopCause.OPERATOR:

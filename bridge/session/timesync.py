@@ -89,9 +89,13 @@ class TimeSync:
         return len(self._upper), len(self._lower)
 
     def reset(self) -> None:
-        """Discard all data after a reboot or a clock step."""
-        self.fit = None
+        """Discard all data after a reboot."""
         self._last = None
+        self._discard()
+
+    def _discard(self) -> None:
+        """Discard the relation of the clocks; the extension of device stamps continues."""
+        self.fit = None
         self._upper.clear()
         self._lower.clear()
         self._upper_corners = self._lower_corners = None
@@ -139,7 +143,7 @@ class TimeSync:
         if self._contradicts(sent_ns, received_us, replied_us, arrived_ns):
             self._contradictions += 1
             if self._contradictions >= STEP_SAMPLES:
-                self.reset()
+                self._discard()
                 self.steps += 1
                 return False
             return True

@@ -181,12 +181,18 @@ def test_a_velocity_holds_for_half_a_second() -> None:
     drive = ManualDrive()
     assert drive.step(observed(10.0)) == HALT
     command = VelocityCommand(0.1, 0.5)
-    drive.drive(command)
+    drive.drive(command, 20.0)
     steps = [drive.step(observed(20.0 + 0.02 * i)) for i in range(60)]
     assert steps.count(command) == round(SETPOINT_TIMEOUT_S / 0.02) + 1
     assert steps[:25] == [command] * 25
     assert steps[26:] == [HALT] * 34
     assert drive.target == HALT
+
+
+def test_a_velocity_expires_while_no_step_uses_it() -> None:
+    drive = ManualDrive()
+    drive.drive(VelocityCommand(0.1, 0.5), 20.0)
+    assert drive.step(observed(20.0 + SETPOINT_TIMEOUT_S + 0.1)) == HALT
 
 
 def test_a_repeated_velocity_stays_in_effect() -> None:
@@ -195,7 +201,7 @@ def test_a_repeated_velocity_stays_in_effect() -> None:
         command = VelocityCommand(0.001 * i, 0.0)
         if i % 20 == 0:
             reported = command
-            drive.drive(reported)
+            drive.drive(reported, 0.02 * i)
         assert drive.step(observed(0.02 * i)) == drive.target == reported
 
 

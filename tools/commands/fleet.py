@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tools.cli.configuration import Named
+    from tools.fleet.dashboard import FleetDashboard
     from tools.fleet.fleet import Fleet
     from tools.fleet.member import Target
 
@@ -173,6 +174,23 @@ def _unique(log: Path, taken: Sequence[Path]) -> Path:
     return made
 
 
+def _drive(fleet: Fleet, board: FleetDashboard | None) -> None:
+    """Run the fleet to its end. After any error the robots stop, and their processes end."""
+    try:
+        fleet.start()
+        if board is not None:
+            board.fleet = fleet
+            board.start()
+        _wait(fleet)
+    except BaseException:
+        fleet.end()
+        _wait(fleet)
+        raise
+    finally:
+        if board is not None:
+            board.stop()
+
+
 def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) -> int:
     from tools.cli.console import inform, is_drawable, print_error, write_json
     from tools.cli.interrupt import set_done
@@ -191,14 +209,7 @@ def _run(targets: Sequence[Target], arguments: Sequence[str], *, as_json: bool) 
             fleet.stop()
 
     with until_signalled(fleet.end), Keyboard(on_key, releases=False):
-        if board is not None:
-            board.fleet = fleet
-            board.start()
-        try:
-            _wait(fleet)
-        finally:
-            if board is not None:
-                board.stop()
+        _drive(fleet, board)
     if as_json:
         write_json(fleet.to_dict())
         set_done()

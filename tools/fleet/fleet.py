@@ -29,13 +29,31 @@ class Fleet:
         arguments: Sequence[str],
         on_line: OnLine = drop_line,
     ) -> None:
-        """Start a process for each robot; ``arguments`` are options of ``connect``."""
+        """Create a fleet that is not started; ``arguments`` are options of ``connect``."""
+        self._targets, self._arguments, self._on_line = targets, arguments, on_line
+        self._ending = False
+        """True if an end was requested: no further process starts."""
         self.message = ""
         """Effect of the newest request, for the dashboard."""
         self.stop_requested = False
         self._stopping = threading.Lock()
         self._stoppers: list[threading.Thread] = []
-        self.members = [Member(target, arguments, on_line) for target in targets]
+        self.members: list[Member] = []
+
+    def start(self) -> None:
+        """Start a process for each robot.
+
+        Raises:
+            OSError: a process cannot be started. The others are ended.
+
+        """
+        try:
+            for target in self._targets:
+                if not self._ending:
+                    self.members.append(Member(target, self._arguments, self._on_line))
+        except BaseException:
+            self.end()
+            raise
 
     @property
     def done(self) -> bool:
@@ -46,6 +64,7 @@ class Fleet:
 
     def end(self) -> None:
         """Request a clean end of every process; does not wait for it."""
+        self._ending = True
         self.message = "ending: the robots stop, then the logs are closed"
         for member in self.members:
             member.end()

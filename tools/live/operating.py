@@ -71,6 +71,8 @@ class Operating:
         self._pump, self.operator = pump, operator
         self._on_resume, self._on_start = on_resume, on_start
         self._clear_stop = clear_stop
+        self._clear_cause: int = StopCause.NONE
+        """Cause of the stop that the operator has looked at and cleared; NONE: none."""
         self._armed = ("", 0)
         """Key that was pressed once, and the time of the press, ns."""
         self.marks = 0
@@ -199,8 +201,10 @@ class Operating:
             key, f"press {key} again to start {what}"
         ):
             then()
-            clear = self._clear_stop
-            self._pump.call(lambda: mission.start(self.operator, clear_stop=clear))
+            clear, cause = self._clear_stop, self._clear_cause
+            self._pump.call(
+                lambda: mission.start(self.operator, clear_stop=clear, clear_cause=cause)
+            )
             self._on_start()
             self.message = f"{what} starts after the gyro measurement at rest"
 
@@ -209,7 +213,9 @@ class Operating:
         status = self._pump.snapshot.state.status
         if status is None:
             self.message = "no status from the device yet"
-        elif status.stop_cause not in _ORDERLY and not self._clear_stop:
+        elif not (
+            self._clear_stop or status.stop_cause in _ORDERLY | {StopCause(self._clear_cause)}
+        ):
             cause = label(StopCause, status.stop_cause)
             self.message = f"a stop is latched (cause: {cause}): look, then press c to clear it"
         else:
@@ -218,7 +224,8 @@ class Operating:
 
     def _clear(self) -> None:
         if self._twice("c", "look at the robot, then press c again to clear the stop"):
-            self._clear_stop = True
+            status = self._pump.snapshot.state.status
+            self._clear_cause = StopCause.NONE if status is None else status.stop_cause
             self.message = "the next start clears the stop"
 
     def _pause(self) -> None:
@@ -226,7 +233,7 @@ class Operating:
         if isinstance(mission, OnboardMission):
             self._pause_onboard(mission)
         else:
-            self.operator.pause()
+            self.operator.toggle_pause()
             self.message = _MODE_TEXT[self.operator.drive_mode]
 
     def _pause_onboard(self, mission: OnboardMission) -> None:

@@ -286,10 +286,10 @@ class SimulatedSweeper:
         self._check()
         command = VelocityCommand(v_m_s, yaw_rate_rad_s)
         if for_s is None:
-            self._drive.drive(command)
+            self._drive.drive(command, self._loop.host_ns / 1e9)
             return
         self.follow(lambda _: (v_m_s, yaw_rate_rad_s), for_s)
-        self._drive.drive(VelocityCommand(0.0, 0.0))
+        self._drive.drive(VelocityCommand(0.0, 0.0), self._loop.host_ns / 1e9)
 
     def follow(
         self,
@@ -310,7 +310,7 @@ class SimulatedSweeper:
         end_s = self.time_s + duration_s
         while self.time_s < end_s - 1e-9:
             self._check()
-            self._drive.drive(VelocityCommand(*controller(self)))
+            self._drive.drive(VelocityCommand(*controller(self)), self._loop.host_ns / 1e9)
             if self.run(min(CONTROL_S, end_s - self.time_s), until=until):
                 return True
         return False

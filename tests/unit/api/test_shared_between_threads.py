@@ -146,7 +146,7 @@ def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
 
     def decide() -> None:
         for _ in range(10_000):
-            operator.pause()
+            operator.toggle_pause()
         over.set()
 
     def log() -> None:

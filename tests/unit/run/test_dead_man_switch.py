@@ -19,6 +19,7 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man_switch import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadManSwitch
 from bridge.run.manual import DriveMode, Operator
+from bridge.run.runner import hold, release
 from support.observed import AT_REST
 from support.straight import Straight
 
@@ -243,7 +244,7 @@ def run(person: Operator, start_s: float, steps: int) -> VelocityCommand:
 def test_a_plan_is_paused_taken_over_and_resumed() -> None:
     person = operator()
     assert run(person, 0.0, 30).v_m_s > 0.05
-    person.pause()
+    person.toggle_pause()
     assert person.drive_mode is DriveMode.HELD
     assert run(person, 1.0, 5) == HALT
     assert person.state.state == "held"
@@ -259,6 +260,20 @@ def test_a_plan_is_paused_taken_over_and_resumed() -> None:
     assert run(person, 4.0, 30).v_m_s > 0.05
     kinds = [event.kind for event in person.drain_events()]
     assert kinds == ["operator"] * 4
+
+
+def test_supervision_holds_the_plan_and_not_the_operators_choice() -> None:
+    person = operator()
+    run(person, 0.0, 30)
+    hold(person)
+    assert run(person, 1.0, 20) == HALT
+    assert person.drive_mode is DriveMode.PLAN
+    release(person)
+    assert run(person, 2.0, 30).v_m_s > 0.05
+    person.toggle_pause()
+    hold(person)
+    release(person)
+    assert run(person, 3.0, 20) == HALT, "the operator has paused it"
 
 
 def test_by_hand_from_the_beginning_nothing_moves_alone() -> None:

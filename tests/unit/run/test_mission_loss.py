@@ -321,8 +321,9 @@ def test_after_the_answer_the_plan_continues() -> None:
     assert mission.drive_started_s == 16.0, "the drive is not restarted"
 
 
-def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
-    mission = driving(resume=Resume.ASK)
+@pytest.mark.parametrize("clear_stop", [False, True])
+def test_a_leave_is_for_one_loss_and_for_its_own_stop(clear_stop: bool) -> None:  # noqa: FBT001 - a parameter of the test
+    mission = driving(resume=Resume.ASK, clear_stop=clear_stop)
     mission.on_lost(18.0)
     mission.on_ready(20.0)
     mission.resume(22.0)

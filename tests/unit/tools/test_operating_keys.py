@@ -120,6 +120,14 @@ def test_a_latched_stop_needs_a_persons_confirmation() -> None:
     assert bench.begun()
 
 
+def test_the_confirmation_is_for_the_stop_that_the_person_saw() -> None:
+    bench = KeysAtRest(cause=StopCause.OPERATOR)
+    bench.press("c", "c")
+    bench.host.state.take(Status(Mode.IDLE, StopCause.HARDWARE, 0, 0, 0), 0, 0.0)
+    assert "look, then press c" in bench.press("g", "g")
+    assert not bench.begun()
+
+
 def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
     bench = KeysAtRest()
     bench.press("d", "d")
