@@ -207,7 +207,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
     from tools.experiment.sensitivity import sensitivity_trials
-    from tools.experiment.store import Store, code_version
+    from tools.experiment.store import Store, check_compiled, code_version
     from tools.experiment.trials import generated_rooms, with_robots
     from tools.experiment.version_comparison import read_rows
 
@@ -228,6 +228,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         _ = trial.plan  # so that a wrong name is reported now, not after an hour
     _check_planners(trials)
     before = None if against is None else read_rows(against)
+    check_compiled()
     store = Store(out, code_version([trial.planner for trial in trials]), force=force)
     with leaving_at_once(
         f"interrupted before the report; completed runs are kept in {out}\n"

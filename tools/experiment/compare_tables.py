@@ -58,8 +58,8 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
         )
         + "Rooms, starts and number of seeds are the same. zimablue has its own robot, sensors, "
         f"noise and speeds; its rooms are {scale:.2f} times as large, the ratio of the two "
-        "bodies, so that every door and gap is equally tight for both. A dash: a run had ended "
-        f"before; zimablue's runs end at {LONGEST:g} times the reference time, random at "
+        "bodies, so that every door and gap is equally tight for both. A dash: a run had reached "
+        f"its time limit; zimablue's runs end at {LONGEST:g} times the reference time, random at "
         f"{MULTIPLES[-1]:g}.",
     )
 

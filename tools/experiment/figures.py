@@ -13,6 +13,7 @@ from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.paper_tables import cycle_spread
 from tools.experiment.tables import group
 from tools.experiment.trials import OPEN_FLOOR, TrialKind, robot_label, room_of
+from tools.experiment.u_cycles import PAPER_CYCLES
 from tools.experiment.unswept_causes import CAUSES
 
 if TYPE_CHECKING:
@@ -87,8 +88,8 @@ def versions_figure(pairs: Sequence[Pair]) -> str:
         ("mouth, % of sweepable", "time ratio"),
         strict=True,
     ):
-        for (planner,), rows in group([after for _, after in pairs], "planner").items():
-            mine = [(before, after) for before, after in pairs if any(after is r for r in rows)]
+        for planner in dict.fromkeys(after["planner"] for _, after in pairs):
+            mine = [(before, after) for before, after in pairs if after["planner"] == planner]
             axes.plot(
                 [scale * before[name] for before, _ in mine],
                 [scale * after[name] for _, after in mine],
@@ -145,10 +146,10 @@ def cycles_figure(rows: Sequence[Row]) -> str:
     low, middle, high = ([0, *(point[k] for point in spread)] for k in range(3))
     axes.fill_between(cycles, low, high, alpha=0.2, color="#1f4e79", lw=0, label="quartiles")
     axes.plot(cycles, middle, "o-", ms=4, color="#1f4e79", label=f"median of {len(rows)} seeds")
-    axes.plot([len(spread)], [PAPER_END_MM], "D", ms=7, color="#c0504d", label="the paper: 7 mm")
+    axes.plot([PAPER_CYCLES], [PAPER_END_MM], "D", ms=7, color="#c0504d", label="the paper: 7 mm")
     axes.set_xlabel("U-shaped cycles")
     axes.set_ylabel("offset, mm")
-    axes.set_xlim(0, len(spread) + 0.3)
+    axes.set_xlim(0, PAPER_CYCLES + 0.3)
     axes.set_ylim(bottom=0)
     tidy(axes)
     axes.legend(frameon=False, loc="upper left")

@@ -12,7 +12,7 @@ from tools.experiment.curves import MULTIPLES
 from tools.experiment.paired_differences import matched
 from tools.experiment.store import write_csv
 from tools.experiment.tables import room_file
-from tools.experiment.trials import TrialKind, room_of
+from tools.experiment.trials import TrialKind, is_made, room_of
 from tools.experiment.unswept_causes import CAUSES
 from tools.experiment.version_comparison import version_of, versions_tables
 
@@ -128,9 +128,11 @@ def _curves(rows: Sequence[Row]) -> list[Row]:
 def _write_rooms(folder: Path, rows: Sequence[Row]) -> None:
     """Write the generated rooms and layouts as files, so that ``simulate`` can repeat a run."""
     drawn = {
-        (row["room"], row["robot"], row.get("radius_m", 0.0)) for row in rows if ":" in row["room"]
+        (row["room"], row["robot"], row["robot_hash"], row.get("radius_m", 0.0))
+        for row in rows
+        if is_made(row["room"])
     }
-    for name, robot, radius_m in sorted(drawn):
+    for name, robot, robot_hash, radius_m in sorted(drawn):
         folder.mkdir(exist_ok=True)
-        path = folder / room_file(name, robot)
+        path = folder / room_file(name, robot, robot_hash)
         path.write_text(room_of(name, radius_m).to_json() + "\n", encoding="utf-8")

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 Pair = tuple["Row", "Row"]
 """Results of a run with the first version or value, and of the same run with the second."""
-_SAME = ("kind", "room", "planner", "noise", "seed", "robot_hash", "options")
-"""Parameters that are equal in both runs of a pair. A robot file is compared by its content."""
+_SAME = (
+    *("kind", "room", "planner", "noise", "seed", "max_time_s"),
+    *("room_hash", "robot_hash", "options"),
+)
+"""Parameters that are equal in both runs of a pair. Files are compared by their content."""
 
 
 class PairedDifference(NamedTuple):
@@ -32,8 +35,8 @@ class PairedDifference(NamedTuple):
 
     @property
     def certain(self) -> bool:
-        """True if the interval does not contain 0."""
-        return abs(self.mean) > self.margin
+        """True if the interval does not contain 0. Equal differences have no interval."""
+        return abs(self.mean) > self.margin > 0.0
 
     def text(self, scale: float = 1.0, digits: int = 2) -> str:
         """Return the difference with its margin; a star if it is certain."""

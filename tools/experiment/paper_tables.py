@@ -10,6 +10,7 @@ from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.paper_trials import COMPREHENSIVE
 from tools.experiment.tables import Table, group, number, outcomes, percent, spread, values
 from tools.experiment.trials import TrialKind
+from tools.experiment.u_cycles import PAPER_CYCLES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -144,7 +145,7 @@ def cycle_table(rows: Sequence[Row]) -> Table:
             f"{low:.1f} to {high:.1f}",
             f"{along[cycle - 1][1]:+.1f}",
             f"{across[cycle - 1][1]:+.1f}",
-            f"{PAPER_END_MM:g}" if cycle == len(offsets) else "",
+            f"{PAPER_END_MM:g}" if cycle == PAPER_CYCLES else "",
         )
         for cycle, (low, middle, high) in enumerate(offsets, 1)
     ]

@@ -36,7 +36,7 @@ class Parts:
         written: set[str] = set()
         for path in sorted(self._folder.glob("part-*.parquet")):
             keys = _keys(path)
-            if not keys <= rows.keys():  # the part contains results that were discarded
+            if keys is None or not keys <= rows.keys():  # damaged, or its results were discarded
                 path.unlink()
                 continue
             written |= keys
@@ -58,17 +58,22 @@ class Parts:
 
         self._folder.mkdir(exist_ok=True)
         path = self._folder / f"part-{self._number:05d}.parquet"
-        unfinished = path.with_suffix(".unfinished")
+        unfinished = path.with_name(f"_{path.name}")  # readers of a dataset ignore this name
         pq.write_table(_table(self._pending), unfinished, compression="zstd")
         unfinished.replace(path)
         self._number += 1
         self._pending = []
 
 
-def _keys(path: Path) -> set[str]:
+def _keys(path: Path) -> set[str] | None:
+    """Return the keys of the results in a part; None if it is damaged."""
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    return set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
+    try:
+        return set(pq.read_table(path, columns=["key"]).column("key").to_pylist())
+    except (pa.ArrowInvalid, KeyError):
+        return None
 
 
 def _table(rows: list[Row]) -> Any:  # noqa: ANN401 - pyarrow has no types

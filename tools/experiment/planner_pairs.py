@@ -53,7 +53,7 @@ def planner_pairs_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
         "Pairs of runs in the same room with the same noise and seed. Each cell is the number of "
         f"pairs in which {leader} is behind at this multiple of the reference {unit}; in brackets "
         "its margin in the worst pair, in percentage points of the swept share (negative: behind). "
-        "A dash: a run had ended before."
+        "A dash: a run had reached its time limit before."
         + (
             " zimablue's runs have their own noise and are compared with ours of each level."
             if any(row["kind"] == TrialKind.ZIMABLUE for row in others)

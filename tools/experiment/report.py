@@ -86,6 +86,10 @@ def _paper_tables(results: Results) -> list[Table]:
     return made
 
 
+_PICTURES = 60
+"""Maximum number of pictures of paths; each has 18 kB."""
+
+
 def render(
     title: str,
     command: str,
@@ -115,6 +119,9 @@ def render(
     ]
     if firsts:
         note = "The first seed of each. Dot: start; square: end."
+        if len(firsts) > _PICTURES:
+            firsts = sorted(firsts, key=lambda row: row.get("mouth_sweepable", 1.0))[:_PICTURES]
+            note = f"The {_PICTURES} first seeds with the lowest coverage. Dot: start; square: end."
         parts.append(gallery("Paths", [figures.path_picture(row) for row in firsts], note))
     lead = (
         f"<p>Made by <code>{escape(command)}</code>. Equal seeds give equal figures. "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.errors import BridgeError
 from tools.experiment.ending import run_until_ended
-from tools.experiment.store import code_version
+from tools.experiment.store import code_version, planner_version
 from tools.experiment.trials import ROBOTS_HERE, ROOMS_HERE, is_file
 
 if TYPE_CHECKING:
@@ -67,6 +67,10 @@ def run_shipped(each: Shipped) -> dict[str, Any]:
         return run_until_ended(each.trial)
 
 
+_LOADED = code_version()
+"""Version of the code that this process has loaded: a later change of the files has no effect."""
+
+
 @functools.cache
 def _version(planner: str) -> str:
-    return code_version([planner])
+    return f"{_LOADED}{planner_version(planner)}"

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.registry import make_planner
+from bridge.floor_plan.floor_plan import FloorPlan
+from bridge.motion.geometry import Pose2
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.observed import observe
 from tools.experiment.settings import settings_of
-from tools.experiment.trials import HOUR_S, OPEN_FLOOR, Trial, room_of
+from tools.experiment.trials import HOUR_S, Trial
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +29,10 @@ more than half of its power at cruise speed, so a run reaches 8 times the refere
 this limit."""
 _STRAIGHT_S = 22.0
 """Duration of the straight drive that measures the cruise power, s."""
+_FREE_M = 2.0
+"""Length of the floor before and after the straight drive, m."""
+_ASIDE_M = 1.5
+"""Distance to the walls beside the straight drive, m; no side sensor measures them."""
 _STEADY_S = 2.0
 """Time at the start of the straight drive that is not measured, s: the acceleration."""
 _S_PER_H = 3600.0
@@ -47,7 +52,7 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
     rng = random.Random(trial.seed)
     planner = make_planner(trial.planner, model, rng)
     if isinstance(planner, RandomPlanner):
-        return RandomPlanner(model, rng, replace(RandomOptions(), max_time_s=float("inf")))
+        return RandomPlanner(model, rng, RandomOptions(max_time_s=float("inf")))
     return planner
 
 
@@ -82,8 +87,11 @@ def energy_unit_wh(meter: CoverageMeter) -> float:
 @cache
 def cruise_power_w(model: RobotModel) -> float:
     """Return the power at cruise speed, W, measured on a straight drive of the virtual sweeper."""
-    straight = Trial(OPEN_FLOOR, "u-shape", "none", 0)
-    seen = observe(straight, room_of(OPEN_FLOOR), max_time_s=_STRAIGHT_S, model=model)
+    length_m = _STRAIGHT_S * model.cruise_speed_m_s + 2.0 * _FREE_M
+    walls = ((0.0, 0.0), (length_m, 0.0), (length_m, 2.0 * _ASIDE_M), (0.0, 2.0 * _ASIDE_M))
+    corridor = FloorPlan("straight", walls, (), Pose2(_ASIDE_M, _ASIDE_M, 0.0))
+    straight = Trial(corridor.name, "u-shape", "none", 0)
+    seen = observe(straight, corridor, max_time_s=_STRAIGHT_S, model=model)
     steady = [point for point in seen.energy if point[0] >= seen.truth[0][0] + _STEADY_S]
     (begin_s, begin_wh), (end_s, end_wh) = steady[0], steady[-1]
     return _S_PER_H * (end_wh - begin_wh) / (end_s - begin_s)

@@ -6,6 +6,8 @@ import csv
 import hashlib
 import importlib.util
 import json
+import os
+import weakref
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -14,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import sweepctl_plugins
 from bridge.errors import BridgeError
 from tools.cli.planners import PLANNERS
+from tools.dev import kernels
 from tools.experiment.parts import Parts
 from tools.version import VERSION
 
@@ -56,6 +59,13 @@ def code_version(planners: Iterable[str] = ()) -> str:
     return f"{VERSION}-{digest.hexdigest()[:8]}"
 
 
+def planner_version(planner: str) -> str:
+    """Return a hash of the module of a planner that is not from sweepctl; empty for the others."""
+    return "".join(
+        f"-{hashlib.sha256(source).hexdigest()[:8]}" for source in _outside({planner}).values()
+    )
+
+
 def _outside(planners: set[str]) -> dict[str, bytes]:
     """Return the source of the module of each planner that is a plug-in or ``module:callable``."""
     plugins = sweepctl_plugins.found("planners")
@@ -76,6 +86,39 @@ def _sources(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, bytes
             yield prefix + entry.name, entry.read_bytes()
 
 
+def check_compiled() -> None:
+    """Check that the compiled modules of a source tree are those of its sources.
+
+    The version is a hash of the sources, so a stale module would give results of another version.
+
+    Raises:
+        ExperimentFolderError: a module is not compiled, or from another source.
+
+    """
+    if not (kernels.ROOT / "pyproject.toml").exists():
+        return  # an installed package has no sources of its own
+    if (stale := kernels.complaint(kernels.sources())) is not None:
+        raise ExperimentFolderError(stale)
+
+
+def _locked(folder: Path) -> int:
+    """Return the descriptor of a file whose lock keeps others out of the folder until its end."""
+    lock = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        import fcntl  # not on every platform
+    except ImportError:
+        return lock
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        os.close(lock)
+        raise ExperimentFolderError(
+            f"another experiment uses {folder}: wait for its end, or choose another folder with "
+            "--out"
+        ) from None
+    return lock
+
+
 class Store:
     """The folder of one experiment."""
 
@@ -83,7 +126,8 @@ class Store:
         """Open or create the folder; with ``force`` discard its results.
 
         Raises:
-            ExperimentFolderError: it cannot be written, or contains results of another version.
+            ExperimentFolderError: it cannot be written, another process uses it, or it contains
+                results of another version.
 
         """
         self.folder = folder
@@ -91,6 +135,7 @@ class Store:
         self._rows: dict[str, Row] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            weakref.finalize(self, os.close, _locked(folder))
             if force:
                 (folder / LINES).unlink(missing_ok=True)
             self._read()

@@ -10,7 +10,7 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
 from tools.experiment.curves import MULTIPLES
-from tools.experiment.trials import PERFECT, RANDOM, robot_label
+from tools.experiment.trials import PERFECT, RANDOM, is_made, robot_label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -258,9 +258,9 @@ def spread(values: Sequence[float]) -> str:
     return f"{100 * min(values):.2f} to {100 * max(values):.2f}" if values else ""
 
 
-def room_file(room: str, robot: str) -> str:
+def room_file(room: str, robot: str, robot_hash: str) -> str:
     """Return the file name of a generated room; the start of the room may depend on the robot."""
-    of_robot = f"-{robot_label(robot)}" if robot else ""
+    of_robot = f"-{robot_label(robot)}-{robot_hash}" if robot else ""
     return f"{room.replace(':', '-')}{of_robot}.json"
 
 
@@ -318,9 +318,9 @@ def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Tabl
 def repeat_command(row: Row, rooms_folder: str) -> str:
     """Return the command line that repeats a run and records it."""
     room, robot = row["room"], row["robot"]
-    if ":" in room:
-        room = f"{rooms_folder}/{room_file(room, robot)}"
-    longest_s, further = row["max_time_s"], f" --robot {shlex.quote(robot)}" if robot else ""
+    if is_made(room):
+        room = f"{rooms_folder}/{room_file(room, robot, row['robot_hash'])}"
+    longest_s, further = row["limit_s"], f" --robot {shlex.quote(robot)}" if robot else ""
     if row["planner"] == RANDOM:  # an experiment removes this planner's own time limit
         longest_s = row["duration_s"]
         further += " --planner-option max_time_s=1e6"

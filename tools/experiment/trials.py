@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from bridge.config import load_robot
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
+from tools.cli.planners import PLANNERS
 from tools.cli.rooms import GENERATED, load_room, shipped_rooms
 from tools.rooms.generator import KINDS
 from tools.rooms.layouts import LAYOUT
@@ -32,9 +33,11 @@ HOUR_S = 3600.0
 PERFECT = "perfect"
 """Name of the noise level ``none`` with the true pose for planner and controllers."""
 NOISELESS = frozenset({PERFECT, "none"})
-"""Noise levels at which every seed gives an equal run, except with the planner ``RANDOM``."""
+"""Noise levels at which every seed gives an equal run with a planner of ``SEEDLESS``."""
 RANDOM = "random"
 """Name of the planner that uses the seed itself."""
+SEEDLESS = frozenset(PLANNERS) - {RANDOM}
+"""Planners that do not use the seed."""
 
 
 class TrialKind(StrEnum):
@@ -79,6 +82,8 @@ class Trial:
     """Robot file; empty: the default robot."""
     robot_hash: str = ""
     """Hash of the robot file's content, so that results with other content are not reused."""
+    room_hash: str = ""
+    """Hash of the room, if it is a file."""
     options: str = ""
     """Changed tuned constants as ``NAME=VALUE``, separated by commas; empty: none is changed."""
 
@@ -137,7 +142,7 @@ def with_robots(trials: Sequence[Trial], robots: Iterable[str]) -> list[Trial]:
     made: list[Trial] = []
     for robot in robots:
         _, text = load_robot(Path(robot))
-        digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+        digest = _digest(text)
         made += [replace(trial, robot=robot, robot_hash=digest) for trial in trials]
     return made
 
@@ -152,14 +157,24 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - one parameter for each axis of the 
 ) -> list[Trial]:
     """Return every combination of room, planner, level and seed.
 
-    If every seed gives an equal run, only one seed is used.
+    If every seed gives an equal run, only one seed is used. A planner of another package may use
+    the seed.
+
+    Raises:
+        FloorPlanError: the file of a room cannot be read or is invalid.
+
     """
-    seeds = list(seeds)
+    seeds, rooms = list(seeds), list(rooms)
+    hashes = {room: _digest(load_room(room).to_json()) if is_file(room) else "" for room in rooms}
     return [
-        Trial(room, planner, level, seed, max_time_s, kind)
+        Trial(room, planner, level, seed, max_time_s, kind, room_hash=hashes[room])
         for room, planner, level, seed in product(rooms, planners, levels, seeds)
-        if seed == seeds[0] or planner == RANDOM or level not in NOISELESS
+        if seed == seeds[0] or planner not in SEEDLESS or level not in NOISELESS
     ]
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
 def generated_rooms(count: int) -> list[str]:
@@ -182,13 +197,14 @@ def room_of(name: str, radius_m: float = 0.0) -> FloorPlan:
     return ROOMS_HERE.get(name) or load_room(name, radius_m or None)
 
 
+def is_made(room: str) -> bool:
+    """Return whether a room is generated or a layout."""
+    return room.startswith((LAYOUT, GENERATED))
+
+
 def is_file(room: str) -> bool:
     """Return whether a room is a file, which another machine does not have."""
-    return (
-        room != OPEN_FLOOR
-        and not room.startswith((LAYOUT, GENERATED))
-        and room not in shipped_rooms()
-    )
+    return room != OPEN_FLOOR and not is_made(room) and room not in shipped_rooms()
 
 
 def work(trial: Trial, plan: FloorPlan) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,13 +42,13 @@ def split_loss(observed: Observed, planner: Planner) -> dict[str, float]:
     if isinstance(planner, RecoveryPlanner):
         forbidden = forbidden_axle(planner.context.evidence_map, meter.regions.raster)
     end = observed.estimate[-1][1:3] if observed.estimate else (0.0, 0.0)
-    width_m = observed.model.cleaning_width_m
-    return classify(meter.regions, width_m, swept, estimated, forbidden, end)
+    reach_m = observed.model.mouth_reach_m
+    return classify(meter.regions, reach_m, swept, estimated, forbidden, end)
 
 
 def classify(  # noqa: PLR0913, PLR0917 - one parameter for each mask
     regions: Regions,
-    width_m: float,
+    reach_m: float,
     swept: Mask,
     estimated: Mask,
     forbidden: Mask | None,
@@ -59,7 +58,7 @@ def classify(  # noqa: PLR0913, PLR0917 - one parameter for each mask
 
     Args:
         regions: regions of the room, from the truth.
-        width_m: width of the mouth, m; the mouth must be on the axle.
+        reach_m: greatest distance from the axle's centre at which the mouth sweeps, m.
         swept: cells that were swept.
         estimated: cells that the estimated path sweeps.
         forbidden: cells where the planner's map forbids the axle; None: the planner has no map.
@@ -67,12 +66,12 @@ def classify(  # noqa: PLR0913, PLR0917 - one parameter for each mask
 
     """
     raster = regions.raster
-    cell, half = raster.resolution_m, 0.5 * width_m
+    cell = raster.resolution_m
     left = regions.sweepable & ~swept
     pose = left & estimated
-    false = _unreachable(raster, forbidden, end_m, half) & left & ~pose
+    false = _unreachable(raster, forbidden, end_m, reach_m) & left & ~pose
     inner = ndimage.distance_transform_edt(np.pad(regions.centres, 1))[1:-1, 1:-1]
-    lanes = _within(inner > _CONTACT_M / cell, half / cell)
+    lanes = _within(inner > _CONTACT_M / cell, reach_m / cell)
     wall = left & ~pose & ~false & ~lanes
     rest = left & ~pose & ~false & ~wall
     slivers = rest & ~_thick(rest, _SLIVER_M / cell)
@@ -98,7 +97,7 @@ def forbidden_axle(memory: EvidenceMap, raster: Raster) -> Mask:
 
 
 def _unreachable(
-    raster: Raster, forbidden: Mask | None, end_m: tuple[float, float], half_m: float
+    raster: Raster, forbidden: Mask | None, end_m: tuple[float, float], reach_m: float
 ) -> Mask:
     """Return the cells that, by the planner's map, the robot cannot sweep from its last pose."""
     if forbidden is None or forbidden.all():
@@ -106,7 +105,7 @@ def _unreachable(
     labels, _ = ndimage.label(~forbidden)
     away = np.where(forbidden, np.inf, np.hypot(raster.x - end_m[0], raster.y - end_m[1]))
     mine = labels == labels[np.unravel_index(int(np.argmin(away)), raster.shape)]
-    return ~_within(mine, (half_m + _MAP_SLACK_M) / raster.resolution_m)
+    return ~_within(mine, (reach_m + _MAP_SLACK_M) / raster.resolution_m)
 
 
 def _within(mask: Mask, cells: float) -> Mask:
@@ -132,4 +131,4 @@ def _thick(mask: Mask, cells: float) -> Mask:
 
 def rounded(loss: dict[str, float]) -> dict[str, float]:
     """Round the shares to a millionth, before they are written to a file."""
-    return {name: round(value, 6) for name, value in loss.items() if math.isfinite(value)}
+    return {name: round(value, 6) for name, value in loss.items()}

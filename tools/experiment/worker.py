@@ -57,7 +57,7 @@ class _Driven(NamedTuple):
     observed: Observed
     planner: Planner
     meter: CoverageMeter
-    max_time_s: float
+    limit_s: float
 
 
 def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
@@ -117,7 +117,7 @@ def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
     cut = row["outcome"] == "timeout"
     by_time = curves.over_time(meter, report, cut=cut)
     return row | {
-        "max_time_s": driven.max_time_s,
+        "limit_s": driven.limit_s,
         "radius_m": meter.model.radius_m,
         "width_m": meter.model.cleaning_width_m,
         "sweepable_m2": round(report.sweepable_m2, 4),

@@ -58,7 +58,7 @@ def test_random_ended_by_time_is_not_held_level(closet: str) -> None:
     whole = run_trial(Trial(closet, "random", "typical", 0))
     unit_s = whole["reference_time_s"]
     cut = run_trial(Trial(closet, "random", "typical", 0, 2.2 * unit_s))
-    assert cut["max_time_s"] == 2.2 * unit_s
+    assert cut["limit_s"] == 2.2 * unit_s
     known = sum(multiple <= 2.0 for multiple in MULTIPLES)
     for curve in ("coverage", "by_energy", "energy_wh"):
         assert cut["curve"][curve] == whole["curve"][curve][:known] + [None] * (11 - known)

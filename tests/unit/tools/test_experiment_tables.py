@@ -42,10 +42,11 @@ def row(planner: str = "paper", seed: int = 0, **more: Any) -> dict[str, Any]:  
         "kind": TrialKind.RUN,
         "room": "case-1",
         "robot": "",
+        "robot_hash": "",
         "planner": planner,
         "noise": "typical",
         "seed": seed,
-        "max_time_s": 3600.0,
+        "limit_s": 3600.0,
         "outcome": "complete",
         "mouth_sweepable": 0.9,
         "time_ratio": 2.0,
@@ -121,11 +122,16 @@ def test_the_u_shaped_cycles_have_a_picture_of_their_own_size() -> None:
 def test_quartiles_of_the_cycles() -> None:
     columns = ("offset_mm", "along_mm", "across_mm")
     runs = [
-        {"path_m": 27.0, "offsets": [{"cycle": 1} | dict.fromkeys(columns, mm)]}
+        {
+            "path_m": 27.0,
+            "offsets": [{"cycle": n} | dict.fromkeys(columns, mm) for n in range(1, 8)],
+        }
         for mm in (1.0, 2.0, 3.0, 4.0, 5.0)
     ]
-    assert cycle_spread(runs) == [(2.0, 3.0, 4.0)]
-    assert cycle_table(runs).rows == [("1", "3.0", "2.0 to 4.0", "+3.0", "+3.0", "7")]
+    assert cycle_spread(runs) == [(2.0, 3.0, 4.0)] * 7
+    rows = cycle_table(runs).rows
+    assert rows[0] == ("1", "3.0", "2.0 to 4.0", "+3.0", "+3.0", "")
+    assert rows[6] == ("7", "3.0", "2.0 to 4.0", "+3.0", "+3.0", "7"), "the paper's seven cycles"
 
 
 # ---- curves ---------------------------------------------------------------------------------

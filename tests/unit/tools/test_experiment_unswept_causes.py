@@ -39,7 +39,7 @@ def losses(
 ) -> dict[str, float]:
     found = classify(
         REGIONS,
-        MODEL.cleaning_width_m,
+        MODEL.mouth_reach_m,
         swept,
         swept if believed is None else believed,
         forbidden,
