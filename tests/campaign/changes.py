@@ -34,7 +34,6 @@ from sim_device.body.footing import wheel_over
 from sim_device.faults.fault_target import moved_plan
 from sim_device.faults.kinds import parse_fault
 from sim_device.world.world import World
-from support.root import ROOT
 from tools.cli.rooms import load_room
 from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.run import run_virtual
@@ -79,6 +78,11 @@ CHANGES = (
     Change("furniture moved", FURNISHED),
     Change("a person walks by"),
 )
+
+MUST_STOP = ("wheels spin freely", "one wheel spins freely", "lifted, put down elsewhere")
+HARMLESS = ("none", "none, harsh", "cliff, harsh", "a person walks by")
+STOPS_WITHIN_S = 10.0
+"""Maximum time from the beginning of a spin to the end of the run, s."""
 
 
 @dataclass(frozen=True)
@@ -276,10 +280,7 @@ def jobs_of(seeds: Iterable[int], changes: Iterable[Change] = CHANGES) -> list[J
 
 def kept_at(path: Path | None) -> Kept:
     """Return the stored results of the present version of the checks."""
-    names = ("plausibility", "displaced_start", "spinning", "mission", "localisation")
-    sources = [ROOT / "bridge" / "run" / f"{name}.py" for name in names]
-    sources.append(ROOT / "bridge" / "motion" / "estimation" / "displacement.py")
-    return Kept(path, [*sources, Path(__file__)])
+    return Kept(path)
 
 
 def results_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[tuple[Job, Result]]:
@@ -296,6 +297,22 @@ def results_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[tuple[Jo
             kept.add(job.name, asdict(result))
             print(f"{number} of {len(jobs)}: {job.name}: {result}", file=sys.stderr, flush=True)
             yield job, result
+
+
+def violations(job: Job, result: Result) -> list[str]:
+    """Return what a run must not do after its change, each as a line; empty: all is right."""
+    name, found = job.change.name, []
+    if "spin" in name and not result.ended_s - result.at_s <= STOPS_WITHIN_S:
+        found.append(f"not stopped within {STOPS_WITHIN_S:g} s")
+    if name in MUST_STOP and result.outcome != "stopped":
+        found.append(f"ended as {result.outcome}, not stopped")
+    if name == "started elsewhere" and "start" not in result.events:
+        found.append("the wrong start was not reported")
+    if name in HARMLESS and not result.held and result.outcome != "complete":
+        found.append(f"ended as {result.outcome}: {result.reason}")
+    if result.fell:
+        found.append("a wheel was driven over a pit")
+    return [f"{job.name}: {text}" for text in found]
 
 
 def main() -> int:
@@ -320,7 +337,9 @@ def main() -> int:
     if options.out is not None:
         options.out.write_text(text, encoding="utf-8")
     print(text)
-    return 0
+    wrong = [text for job, result in results for text in violations(job, result)]
+    print("\n".join(wrong), file=sys.stderr)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

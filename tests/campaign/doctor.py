@@ -25,7 +25,6 @@ from sim_device.faults.kinds import KINDS
 from sim_device.line.line import LineSettings
 from support.doctor_cases import DoctorCase, examine
 from support.peers import catalogue, longer
-from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -271,9 +270,7 @@ def _cell(count: int, kind: str, subject: CampaignCase) -> str:
 
 def _kept_at(path: Path | None) -> Kept:
     """Return the stored results of the present rules, doctor and subjects."""
-    sources = [*(ROOT / "bridge" / "doctor").glob("*.py")]
-    sources += (ROOT / "bridge" / "supervise").glob("*.py")
-    return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "doctor_cases.py"])
+    return Kept(path)
 
 
 def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
@@ -308,7 +305,7 @@ def main() -> int:
     for result in results:
         if not result.hit or result.wrong:
             print(
-                f"{result.subject.name}, seed {result.seed}: told {result.found}", file=sys.stderr
+                f"{result.subject.name}, seed {result.seed}: found {result.found}", file=sys.stderr
             )
     text, good = report(results)
     if options.out is not None:

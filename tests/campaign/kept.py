@@ -6,25 +6,33 @@ import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
+from support.root import ROOT
+from tools.experiment.store import code_version
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from pathlib import Path
 
 
 class Kept:
-    """Result of each named run; it is valid as long as its source files are unchanged."""
+    """Result of each named run; it is valid as long as all code is unchanged."""
 
-    def __init__(self, path: Path | None, sources: Iterable[Path]) -> None:
+    def __init__(self, path: Path | None) -> None:
         """Read the file; without a path nothing is stored."""
         self._path = path
-        text = b"".join(source.read_bytes() for source in sorted(sources))
-        self._digest = hashlib.sha256(text).hexdigest()[:16]
+        self._digest = _digest()
         self._known: dict[str, Any] = {}
-        if path is not None and path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
+        if path is None or not path.exists():
+            return
+        text = path.read_text(encoding="utf-8")
+        if text and not text.endswith("\n"):  # the writer was killed: begin a new line
+            path.write_text(f"{text}\n", encoding="utf-8")
+        for line in text.splitlines():
+            try:
                 digest, name, reported = json.loads(line)
-                if digest == self._digest:
-                    self._known[name] = reported
+            except ValueError:
+                continue  # an incomplete line of a killed writer
+            if digest == self._digest:
+                self._known[name] = reported
 
     def of(self, name: str) -> Any:  # noqa: ANN401 - any stored value
         """Return the stored result of a run, or None."""
@@ -35,3 +43,17 @@ class Kept:
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([self._digest, name, reported]) + "\n")
+
+
+def _digest() -> str:
+    """Return a hash of the packages, the firmware, the campaigns and their helpers."""
+    digest = hashlib.sha256(code_version().encode())
+    sources = [
+        path
+        for folder in ("sim_device/firmware", "tests/campaign", "tests/support")
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in {".py", ".c", ".h"}
+    ]
+    for path in sorted(sources):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -61,6 +61,8 @@ class Outcome:
     """Start of the hazard, s."""
     alarms: list[Alarm] = field(default_factory=list)
     ending: str = ""
+    ended_s: float = math.inf
+    """End of the drive since boot, s."""
     by_device: bool = False
     """The device had stopped by itself, cause ``hardware``."""
     by_check: bool = False
@@ -81,11 +83,11 @@ class Outcome:
 
     @property
     def ended_it(self) -> bool:
-        """Return whether device, session or a check ended the run before any alarm."""
+        """Return whether device, session or a check ended the run after the hazard began."""
         lost = self.ending.startswith("the device was lost and is back")
         hazard = self.job.hazard
         reset = lost and hazard is not None and "reset" in hazard.rules
-        return self.by_device or self.by_check or reset
+        return self.ended_s >= self.at_s and (self.by_device or self.by_check or reset)
 
 
 class Alarms:

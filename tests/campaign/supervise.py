@@ -33,15 +33,15 @@ from campaign.supervise_page import page
 from protocol.messages.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from support.liar import let_lie
-from support.root import ROOT
 from tools.cli.rooms import load_room
+from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 
-def planner_events(more: dict[str, object] | None = None) -> SuperviseSettings:
+def report_only_rules(more: dict[str, object] | None = None) -> SuperviseSettings:
     """Return the default rules with every reaction lowered to reporting."""
     rules = SuperviseSettings()
     table: dict[str, object] = {n: {"reaction": "report", "then": "report"} for n in rules.rules}
@@ -81,7 +81,7 @@ def run(job: Job) -> Outcome:
         max_time_s=max_s,
         faults=faults,
         onboard=planner_number(job.planner) if job.onboard else None,
-        supervise=planner_events(hazard.settings if hazard else None),
+        supervise=report_only_rules(hazard.settings if hazard else None),
         prepare=lambda made: (
             let_lie(made.device, hazard.lie, outcome.at_s) if hazard and hazard.lie else None
         ),
@@ -90,6 +90,7 @@ def run(job: Job) -> Outcome:
     outcome.alarms = sink.found
     if ended.drive_started_s is not None and ended.drive_ended_s is not None:
         outcome.supervised_s = ended.drive_ended_s - ended.drive_started_s
+        outcome.ended_s = ended.drive_ended_s - HOST_BOOT_NS * 1e-9
     if ended.ending is not None:
         outcome.ending = ended.ending.reason
         outcome.by_check = ended.ending.cause == StopCause.SUPERVISE
@@ -132,8 +133,7 @@ def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
 
 def kept_at(path: Path | None) -> Kept:
     """Return the stored outcomes of the present rules and hazards."""
-    rules = (ROOT / "bridge" / "supervise").rglob("*.py")
-    return Kept(path, [*rules, Path(__file__).with_name("hazards.py")])
+    return Kept(path)
 
 
 def recalled(job: Job, kept: Kept) -> Outcome | None:

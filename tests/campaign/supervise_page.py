@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from statistics import median
 from typing import TYPE_CHECKING
 
 from bridge.supervise import SuperviseSettings
@@ -104,7 +105,7 @@ def _hazards(outcomes: Iterable[Outcome]) -> tuple[str, int]:
         all_runs, all_missed = all_runs + len(runs), all_missed + missed
         hazard = runs[0].job.hazard
         rules = ", ".join(sorted(hazard.rules)) if hazard else ""
-        middle = f"{times[len(times) // 2]:.1f} s" if times else ""
+        middle = f"{median(times):.1f} s" if times else ""
         longest = f"{times[-1]:.1f} s" if times else ""
         recall = f"{1.0 - missed / len(runs):.2f}"
         rows.append((name, rules, len(runs), len(times), ended, missed, recall, middle, longest))

@@ -23,7 +23,6 @@ from bridge.record.sink import NullSink
 from campaign.kept import Kept
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.sweeper import VirtualSweeper
-from support.root import ROOT
 from tools.cli.rooms import load_room, shipped_rooms
 from tools.experiment.paired_differences import difference
 from tools.virtual.run import run_virtual
@@ -36,7 +35,6 @@ MAX_TIME_S = 1800.0
 """Simulated time limit of a run, s: several times the time for the largest room."""
 BEGIN, END = "<!-- campaign.targets: begin -->", "<!-- campaign.targets: end -->"
 """Marks around the generated part of a page."""
-SOURCES = ("sim_device", "bridge/coverage", "bridge/motion", "bridge/run")
 
 
 class Figure(NamedTuple):
@@ -159,17 +157,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=2, help="pairs in each room")
     parser.add_argument("--noise", default="typical")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--kept", type=Path, help="file of the runs")
+    parser.add_argument("--keep", type=Path, help="file of the runs")
     parser.add_argument("--page", type=Path, help="page whose marked part is replaced")
     asked = parser.parse_args()
     wanted = cases(asked.rooms.split(","), range(asked.seeds), asked.noise)
-    sources = [
-        path
-        for folder in SOURCES
-        for path in (ROOT / folder).rglob("*")
-        if path.suffix in {".py", ".c", ".h"}
-    ]
-    kept = Kept(asked.kept, sources)
+    kept = Kept(asked.keep)
     results = {case: kept.of(case.name) for case in wanted if kept.of(case.name) is not None}
     waiting = [case for case in wanted if case not in results]
     with multiprocessing.Pool(asked.jobs) as pool:
