@@ -17,7 +17,7 @@ from sim_device.body.plant import Plant, Truth
 from sim_device.body.supply import BROWN_OUT_V, SUPPLY_GOOD_V
 from sim_device.device.clock import DeviceClock
 from sim_device.device.flash import Flash
-from sim_device.device.identity import CrashRecord, Identity
+from sim_device.device.identity import CrashRecord, Identity, capabilities_of
 from sim_device.device.modes import DeviceState, Event, ModeMachine
 from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.noise import NoiseLevel, noise_level
@@ -151,7 +151,12 @@ class Sweeper(ABC, Generic[P]):
         self.link = link
         """The link to the host: UART or CAN."""
         self._memory = flash
-        self._identity = Identity(node, identity_rng.bytes(12), boot_id or _boot_id(identity_rng))
+        self._identity = Identity(
+            node,
+            identity_rng.bytes(12),
+            boot_id or _boot_id(identity_rng),
+            capabilities=capabilities_of(model),
+        )
         self._identity_rng = identity_rng
         self._modes = ModeMachine()
         self._modes.fire(Event.SUPPLY_BACK)

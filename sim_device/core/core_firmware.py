@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.messages.values import Fault, Mode, RebootKind, StopCause
 from sim_device.core.chip import PAYLOAD_MAX, Ask, Operation
-from sim_device.device.identity import CAPABILITIES
 from sim_device.device.latch import StopLatch
 from sim_device.device.modes import MODE_OF, DeviceState
 from sim_device.line.line import NO_LIMIT
@@ -133,7 +132,7 @@ class CoreFirmware:
                     identity.node,
                     can,
                     (NO_CLOCK if identity.crystal_failed else 0) | (0 if local else REMOTE),
-                    int(CAPABILITIES),
+                    int(identity.capabilities),
                     crash is not None,
                     *(
                         (0, 0, 0, 0)

@@ -37,6 +37,6 @@ cdef class Control:
         Sampler sampler,
         object around,
     )
-    cpdef object on_power(self, object reading)
+    cpdef object on_power(self, object reading, bint judged)
     cpdef object _judge(self)
     cpdef object _log_faults(self, object bits)

@@ -208,7 +208,10 @@ class Control:
         self.drivers.switch(state, duties, wheels)
         health.tick(sampler.imu_nominal, counts, wheels, duties)
         if around is not None:
-            health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
+            model = self._model
+            health.on_around(
+                around, model.wheel_base_m, model.metres_per_count, model.ultrasonic.fitted
+            )
         if health.bits != self._logged_bits:
             self._log_faults(health.bits)
         if self.modes.state is not _STOPPED:
@@ -243,10 +246,11 @@ class Control:
             self.fire(Event.FINISHED)
         return wanted
 
-    def on_power(self, reading: PowerReading) -> None:
-        """Process a reading of the supply."""
+    def on_power(self, reading: PowerReading, judged: bool) -> None:  # noqa: FBT001 - compiled
+        """Process a reading of the supply; the checks count it if ``judged``."""
         self.power, self._supply_v = reading, reading.battery_v
-        self.health.on_power(reading, self._low_v, self._empty_v)
+        if judged:
+            self.health.on_power(reading, self._low_v, self._empty_v)
 
     def _judge(self) -> None:
         """Stop any motion that is unsafe with the present faults."""

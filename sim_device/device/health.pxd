@@ -20,6 +20,6 @@ cdef class Health:
     cpdef object _judge_imu(self, object imu, object wheels)
     cpdef object _judge_stall(self, object wheels)
     cpdef object on_power(self, object reading, double low_v, double empty_v)
-    cpdef object on_around(self, object around, double wheel_base_m, double metres_per_count)
+    cpdef object on_around(self, object around, double wheel_base_m, double metres_per_count, bint has_ultrasonic)
     cpdef bint _switch_stays(self, object around)
     cpdef bint _is_ultrasonic_wrong(self, object sonar_m, object touched, double ahead_m, double turned_rad)

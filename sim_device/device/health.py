@@ -260,7 +260,13 @@ class Health:
         self._empty = self._empty + 1 if battery_v < empty_v else 0
         self.battery_empty = self._empty >= EMPTY_READINGS
 
-    def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
+    def on_around(
+        self,
+        around: Around,
+        wheel_base_m: float,
+        metres_per_count: float,
+        has_ultrasonic: bool,  # noqa: FBT001 - a compiled method takes no keyword
+    ) -> None:
         """Process rangers and contacts, and the wheels' travel since the last reading."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, cliff, _ = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
@@ -275,7 +281,9 @@ class Health:
             bits &= ~LIFTED
         elif self._tick - self._jolt_tick < JOLT_TICKS:
             bits |= LIFTED
-        if self._is_ultrasonic_wrong(sonar_m, bumper_left and bumper_right, ahead_m, turned_rad):
+        if has_ultrasonic and self._is_ultrasonic_wrong(
+            sonar_m, bumper_left and bumper_right, ahead_m, turned_rad
+        ):
             bits |= ULTRASONIC
         creeps = -CREEP_M <= ahead_m <= CREEP_M
         for side, range_m in enumerate((left_m, right_m)):

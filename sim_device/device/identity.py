@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from protocol.messages.device import Hello
 from protocol.messages.values import Capability, ResetCause
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
 
 NAME = "virtual sweeper"
 VERSION = (0, 2, 0)
@@ -18,6 +22,16 @@ CAPABILITIES = (
     | Capability.CLIFF
     | Capability.ONBOARD_PLANNER
 )
+
+
+def capabilities_of(model: RobotModel) -> Capability:
+    """Return the capabilities of a robot, without those of sensors that are not fitted."""
+    missing = Capability(0)
+    if not model.ultrasonic.fitted:
+        missing |= Capability.ULTRASONIC
+    if not (model.infrared_left.fitted or model.infrared_right.fitted):
+        missing |= Capability.INFRARED
+    return CAPABILITIES & ~missing
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +67,12 @@ class Identity:
     """Crash that ended the previous boot, if any."""
     crystal_failed: bool = False
     """True: the chip runs on its internal oscillator, which is too inaccurate for a CAN bus."""
+    capabilities: Capability = CAPABILITIES
+    """Connected parts and features."""
 
     def hello(self, catalogue_hash: int, session_id: int, *, keyed: bool) -> Hello:
         """Return the device's hello; ``keyed`` means that motion commands must be signed."""
-        capabilities = CAPABILITIES | Capability.AUTHENTICATION if keyed else CAPABILITIES
+        capabilities = self.capabilities | (Capability.AUTHENTICATION if keyed else 0)
         return Hello(
             catalogue_hash,
             self.uid,

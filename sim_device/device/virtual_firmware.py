@@ -47,7 +47,6 @@ from sim_device.device.commands import COMMANDS, carry_out
 from sim_device.device.control import Control
 from sim_device.device.flash import Flash
 from sim_device.device.freshness import Freshness
-from sim_device.device.identity import CAPABILITIES
 from sim_device.device.keyring import Keyring
 from sim_device.device.log_lines import LogLines
 from sim_device.device.modes import DeviceState, Event, ModeMachine
@@ -132,7 +131,7 @@ class Firmware:
             self._lines,
             identity.boot_id,
         )
-        self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
+        self.schedule = streams.Schedule(catalogue, int(identity.capabilities))
         self._range_phase = self.schedule.default_phase("range", RANGE_TICKS)
         self._power_phase = self.schedule.default_phase("power", POWER_TICKS)
         self._off_bus = identity.crystal_failed and issubclass(link, CanLink)
@@ -443,8 +442,10 @@ class Firmware:
         due = self.schedule.due(tick)
         self._answer_stop(due, now_us)
         # The supply is measured even if no stream reports it.
-        if tick % POWER_TICKS == self._power_phase or "power" in due:
-            self.control.on_power(sampler.power())
+        # The checks of the supply have their own rate, whatever the rate of the stream.
+        judged = tick % POWER_TICKS == self._power_phase
+        if judged or "power" in due:
+            self.control.on_power(sampler.power(), judged)
         if tick % LOAD_TICKS == 0:
             self.telemetry.measure_load()
         if self.negotiated:

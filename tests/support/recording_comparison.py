@@ -19,7 +19,7 @@ from bridge.run.mission import Resume
 from protocol.can.link import CanLink
 from protocol.link import Received
 from protocol.messages.device import Hello, TimeReply
-from protocol.messages.values import Contact, RebootKind, ResetCause
+from protocol.messages.values import Capability, Contact, RebootKind, ResetCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.core.chip import Ask, LocalChip, Operation
@@ -315,7 +315,7 @@ class Replayed:
 
     def _boot(self, payload: bytes) -> Firmware:
         values = BOOT.unpack(payload)
-        uid, boot_id, cause, node, can, troubles, _, crashed, *crash = values
+        uid, boot_id, cause, node, can, troubles, capabilities, crashed, *crash = values
         self._duties, self._due_us = (0.0, 0.0), 0
         firmware = Firmware(
             self._recording.model,
@@ -326,6 +326,7 @@ class Replayed:
                 ResetCause(cause),
                 CrashRecord(*crash) if crashed else None,
                 crystal_failed=bool(troubles),
+                capabilities=Capability(capabilities),
             ),
             self.sensors,
             flash=self._flash,

@@ -262,7 +262,7 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     health_tick(&control->health, readings, &control->wheels, motors.left, motors.right);
     if (around != NULL) {
         health_around(&control->health, around, control->model.wheel_base_m,
-            control->model.metres_per_count);
+            control->model.metres_per_count, readings->has_ultrasonic);
     }
     if (control->health.bits != control->told_bits) {
         log_faults(control, control->health.bits);
@@ -273,10 +273,12 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     return motors;
 }
 
-void control_power(control_t *control, const board_power_t *power)
+void control_power(control_t *control, const board_power_t *power, bool judged)
 {
     control->power = *power;
-    health_power(&control->health, power, control->battery_low_v, control->battery_empty_v);
+    if (judged) {
+        health_power(&control->health, power, control->battery_low_v, control->battery_empty_v);
+    }
 }
 
 /* ---- present state -------------------------------------------------------------------------- */

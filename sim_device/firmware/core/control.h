@@ -90,8 +90,8 @@ typedef struct {
 motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     readings_t *readings, const around_t *around);
 
-/* Process a reading of the supply. */
-void control_power(control_t *control, const board_power_t *power);
+/* Process a reading of the supply; the checks count it if `judged`. */
+void control_power(control_t *control, const board_power_t *power, bool judged);
 
 /* ---- present state -------------------------------------------------------------------------- */
 

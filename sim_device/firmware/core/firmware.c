@@ -16,6 +16,9 @@
 #define RANGE_PERIODS 5u
 #define RANGE_PHASE ((uint32_t)STREAM_RANGE % RANGE_PERIODS)
 #define LOAD_PERIODS 10u
+/* Maximum number of frames between two control periods' checks: a flood of frames must not delay
+ * the period. */
+#define FRAMES_PER_POLL 16u
 
 void firmware_uart_received(
     firmware_t *firmware, const uint8_t *data, size_t length, uint32_t arrived_us)
@@ -56,11 +59,12 @@ void firmware_boot(firmware_t *firmware, board_t *board)
 
 /* ---- the control period --------------------------------------------------------------------- */
 
-static void read_power(firmware_t *firmware)
+/* `judged`: the checks of the supply count this reading. Their rate does not depend on the stream. */
+static void read_power(firmware_t *firmware, bool judged)
 {
     board_power_t power;
     board_power(firmware->board, &power);
-    control_power(&firmware->control, &power);
+    control_power(&firmware->control, &power, judged);
 }
 
 static void continue_save(firmware_t *firmware)
@@ -108,9 +112,10 @@ static void period(firmware_t *firmware)
     board_drivers(firmware->board, motors.drivers);
     continue_save(firmware);
     /* The supply is measured even if no stream reports it. */
-    if (due(firmware, POWER_PERIODS, POWER_PHASE)
+    const bool judged = due(firmware, POWER_PERIODS, POWER_PHASE);
+    if (judged
         || schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
-        read_power(firmware);
+        read_power(firmware, judged);
     }
     if (due(firmware, LOAD_PERIODS, 0)) {
         telemetry_measure_load(firmware);
@@ -150,7 +155,8 @@ static void receive(firmware_t *firmware)
 {
     sp_frame_t frame;
     uint32_t arrived_us;
-    while (line_receive(&firmware->line, &firmware->inbox, &frame, &arrived_us)) {
+    for (unsigned i = 0; i < FRAMES_PER_POLL
+         && line_receive(&firmware->line, &firmware->inbox, &frame, &arrived_us); i++) {
         session_receive(firmware, &frame, extend_us(firmware->now_us, arrived_us));
     }
 }

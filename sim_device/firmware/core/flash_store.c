@@ -96,7 +96,7 @@ void flash_store_begin(
     put_word(store->record, 1, number);
     put_word(store->record, 2, entries);
     put_word(store->record, words, sp_crc32_update(0, store->record, 4u * words));
-    store->words = (uint8_t)(words + 1u);
+    store->words = (uint16_t)(words + 1u);
     store->page = page == NO_PAGE ? 0u : (uint8_t)(1u - page);
     store->step = FLASH_ERASING;
     board_flash_erase(board, store->page);

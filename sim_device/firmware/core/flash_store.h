@@ -16,6 +16,7 @@
  * of entries; key and value of each entry; the CRC-32 of everything before it. */
 #define FLASH_VALUES (PARAMETERS + KEY_WORDS)
 #define FLASH_RECORD_WORDS (3u + 2u * FLASH_VALUES + 1u)
+_Static_assert(4u * FLASH_RECORD_WORDS <= BOARD_FLASH_PAGE_SIZE, "a record must fit into a page");
 
 typedef enum { FLASH_IDLE, FLASH_ERASING, FLASH_WRITING } flash_step_t;
 
@@ -25,7 +26,7 @@ typedef enum { FLASH_NOTHING, FLASH_SAVED, FLASH_FAILED } flash_result_t;
 typedef struct {
     flash_step_t step;
     uint8_t page;
-    uint8_t words;
+    uint16_t words;
     uint8_t record[4u * FLASH_RECORD_WORDS];
 } flash_store_t;
 

@@ -45,6 +45,7 @@
 #define CREEP_M 0.002f
 #define EMPTY_READINGS 5u
 #define PRESSED_READINGS 200u /* 10 s */
+#define UNSAMPLED_TICKS 50u   /* 0.5 s */
 /* Maximum side infrared range to an obstacle in contact on that side, tenths of mm: 0.05 m and a
  * margin. */
 #define BESIDE_DMM 800u
@@ -189,6 +190,10 @@ void health_tick(health_t *health, const readings_t *readings, const wheels_t *w
     if (right_turned) {
         set(health, SP_FAULT_ENCODER_RIGHT, false);
     }
+    count_run(&health->unsampled, readings->counts.sampled_us == health->counts.sampled_us);
+    if (health->unsampled >= UNSAMPLED_TICKS) {
+        set(health, ENCODERS, true); /* the speeds are unknown, so the duties must not stay */
+    }
     count_run(&health->rest_ticks, !left_turned && !right_turned);
     health->counts = readings->counts;
     count_run(&health->jolt_ticks, !jolted(health, imu->accel_z));
@@ -287,8 +292,8 @@ static bool switch_stays(health_t *health, const around_t *around)
     return stays;
 }
 
-void health_around(
-    health_t *health, const around_t *around, float wheel_base_m, float metres_per_count)
+void health_around(health_t *health, const around_t *around, float wheel_base_m,
+    float metres_per_count, bool has_ultrasonic)
 {
     const float left =
         wrapped16((uint16_t)(health->counts.left - health->range_counts.left));
@@ -303,7 +308,9 @@ void health_around(
         set(health, SP_FAULT_LIFTED, true);
     }
     set(health, SP_FAULT_BUMPER, switch_stays(health, around));
-    judge_sonar(health, around, ahead_m, turned_rad);
+    if (has_ultrasonic) {
+        judge_sonar(health, around, ahead_m, turned_rad);
+    }
     judge_side(health, 0, around->ranges.infrared_left_dmm, ahead_m, turned_rad);
     judge_side(health, 1, around->ranges.infrared_right_dmm, ahead_m, turned_rad);
     set(health, SP_FAULT_INFRARED,

@@ -5,7 +5,7 @@
  * imu           at rest a rate above 20 deg/s or a gravity off by      readings that agree
  *               0.3 g, for 0.3 s; or repeated registers
  * encoder       a driven wheel without counts for 1 s whose motor      a count
- *               draws no stall current
+ *               draws no stall current; or no new sample for 0.5 s
  * encoder_left_reversed and so on: counts against the duty (signs.h)   counts that agree
  * ultrasonic    two frontal contacts that it did not see; or an        a contact that it saw,
  *               unchanged range over 0.4 m                             a range that changes
@@ -46,6 +46,7 @@ typedef struct {
     uint16_t ticks; /* the next counters saturate above their limits */
     uint16_t repeats;
     uint16_t rest_ticks;
+    uint16_t unsampled; /* periods without a new sample of the encoders */
     uint16_t jolt_ticks;
     uint16_t longest_repeat;
     uint16_t disagrees;
@@ -80,8 +81,8 @@ void health_tick(health_t *health, const readings_t *readings, const wheels_t *w
 void health_power(health_t *health, const board_power_t *power, float low_v, float empty_v);
 
 /* Process a reading of rangers and contacts. */
-void health_around(
-    health_t *health, const around_t *around, float wheel_base_m, float metres_per_count);
+void health_around(health_t *health, const around_t *around, float wheel_base_m,
+    float metres_per_count, bool has_ultrasonic);
 
 /* Return a description of the fault that prevents driving; NULL without such a fault. */
 const char *health_stopping(const health_t *health);

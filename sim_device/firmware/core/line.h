@@ -14,11 +14,15 @@
 #include "sweepctl_protocol.h"
 
 #ifndef LINE_CAN_WAITING
-#define LINE_CAN_WAITING 64u /* frames; the longest message, a log line, needs 20 */
+#define LINE_CAN_WAITING 64u /* frames */
 #endif
 /* Number of bytes of the board's queue that streams leave free for replies. */
 #define LINE_KEPT_BYTES 256u
-#define LINE_KEPT_FRAMES 24u
+#define LINE_KEPT_FRAMES (3u * LINE_CAN_WAITING / 8u)
+/* Number of frames of the longest message, a log line. */
+#define LINE_LONGEST_FRAMES 20u
+_Static_assert(LINE_CAN_WAITING >= LINE_KEPT_FRAMES + LINE_LONGEST_FRAMES,
+    "an idle queue must have room for the longest message");
 
 typedef struct {
     board_t *board;

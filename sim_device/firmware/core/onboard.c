@@ -148,7 +148,7 @@ void onboard_state(const onboard_t *plan, sp_planner_state_t *out)
     const float x_m = returns ? paper->leave.x_m : plan->odometry.pose.x_m;
     const float y_m = returns ? paper->leave.y_m : plan->odometry.pose.y_m;
     out->phase = phase(plan);
-    out->turn_count = paper->turns;
+    out->turn_count = (uint8_t)paper->turns;
     out->target_x = sp_planner_state_target_x_from_m(x_m);
     out->target_y = sp_planner_state_target_y_from_m(y_m);
     out->lane_distance = sp_planner_state_lane_distance_from_m(absolute(paper->lane_distance_m));

@@ -52,7 +52,7 @@ typedef struct {
     leg_result_t lane;     /* result of the last lane */
     bool first_lane;
 
-    uint8_t turns;               /* T */
+    uint16_t turns;                 /* T */
     float lane_distance_m;          /* D */
     float previous_lane_distance_m; /* Prev-D */
     float length_m;                 /* Length = W T of the last case 3 */
@@ -68,7 +68,7 @@ typedef struct {
     const char *finish_reason; /* NULL: the plan continues */
 } paper_t;
 
-/* Begin at a pose; planner->leg is the first leg. */
+/* Begin at a pose; paper->leg is the first leg. */
 void paper_start(paper_t *paper, const model_t *model, const pose_t *pose, log_t *log);
 
 /* Set the next leg after a leg with this result; return false if the plan has ended. */

@@ -70,8 +70,8 @@ typedef struct {
     uint8_t reset_cause; /* SP_RESET_CAUSE_* */
     uint8_t node;        /* node id, 1..15, from a jumper or a constant */
     bool can;            /* the host link is the CAN bus instead of the UART */
-    uint16_t capabilities; /* SP_CAPABILITY_*: connected parts. The core ignores ranges and contacts
-                              of other parts. */
+    uint16_t capabilities; /* SP_CAPABILITY_*: connected parts. Encoders and IMU are required. The
+                              core ignores ranges and contacts of other parts. */
     uint8_t troubles;      /* BOARD_TROUBLE_*, found at the start */
     const board_crash_t *crash; /* record of the previous boot if the reset cause is "crash"; else
                                    NULL */
