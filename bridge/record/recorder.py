@@ -65,7 +65,7 @@ class ThreadedRecorder:
 
     def write(self, record: Record) -> None:
         """Add one record to the queue. This method may be called from any thread."""
-        if self._error is not None or self._queue.qsize() >= self._limit:
+        if self._error is not None or self._closing.is_set() or self._queue.qsize() >= self._limit:
             with self._drop_lock:
                 self._dropped += 1
             return
@@ -80,14 +80,11 @@ class ThreadedRecorder:
             return
         self._closing.set()
         self._thread.join()
-        try:
-            self._report_dropped()
-        except LogWriteError as error:
-            self._fail(error)
-        try:
-            self._writer.close(summary)
-        except LogWriteError as error:
-            self._fail(error)
+        for finish in (self._report_dropped, lambda: self._writer.close(summary)):
+            try:
+                finish()
+            except Exception as error:  # noqa: BLE001 - stored in `error`, as for the thread
+                self._fail(error)
 
     def _run(self) -> None:
         idle_s = 0.0

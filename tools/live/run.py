@@ -412,7 +412,11 @@ def _result(
     if recorder.error is not None:
         complaints.append(str(recorder.error))
     if recorder.dropped:
-        complaints.append(f"{recorder.dropped} records were lost: the disk is too slow")
+        lost = f"{recorder.dropped} records were lost"
+        if recorder.error is None:
+            complaints.append(f"{lost}: the disk is too slow")
+        else:  # those of the chunk that could not be written are not counted
+            complaints.append(f"more than {lost}")
     status = ending.exit_status if ending else 1
     if recorder.error is not None and status == 0:
         status = 1  # the run succeeded, but its log is incomplete
