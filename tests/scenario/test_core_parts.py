@@ -9,6 +9,8 @@ import pytest
 
 from protocol.generate import render
 from protocol.messages.device import INFRARED_NONE, ULTRASONIC_NONE, Range
+from protocol.messages.host import Stop
+from protocol.messages.values import StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, locked, run, tool
@@ -98,6 +100,24 @@ def test_inputs_of_parts_that_are_not_connected_have_no_effect(
     values = last.ultrasonic, last.infrared_left, last.infrared_right, int(last.contacts)
     none = (ULTRASONIC_NONE, INFRARED_NONE, INFRARED_NONE, 0)
     assert values == ((50, 32, 40, 7) if connected else none), "40 and 50 mm in steps of 1.25 mm"
+
+
+def test_a_stop_takes_no_longer_if_control_periods_are_missed() -> None:
+    lasting_s = []
+    for misses in (False, True):
+        writer = Writer()
+        writer.acts = [Readings(), Boot(misses_periods=misses)]
+        writer.begin()
+        writer.drive(3000, 0, 40)
+        begun = len(writer.acts)
+        writer.inform(Stop(7, StopCause.OPERATOR), after_us=0)
+        for _ in range(200):
+            writer.wait(10_000)
+        reports = script_board().run(writer.acts)[begun - len(writer.acts) :]
+        assert reports[0].motors[0] > 1000
+        lasting_s.append(0.01 * next(i for i, r in enumerate(reports) if r.motors == (0, 0)))
+    assert lasting_s[0] > 0.3
+    assert lasting_s[1] == pytest.approx(lasting_s[0], abs=0.05)
 
 
 def test_no_heap_and_no_other_library() -> None:

@@ -45,9 +45,12 @@ class Boot:
     can: bool = False
     empty_flash: bool = True
     only_wheels_and_imu: bool = False
+    misses_periods: bool = False
+    """Two of three control periods are missed."""
 
     def record(self) -> bytes:
-        flags = self.can | self.empty_flash << 1 | self.only_wheels_and_imu << 5
+        flags = self.can | self.empty_flash << 1
+        flags |= self.only_wheels_and_imu << 5 | self.misses_periods << 6
         return _BOOT.pack(b"B", self.boot_id, self.reset_cause, flags)
 
 

@@ -6,7 +6,8 @@
  *   'B' u32 boot_id, u8 reset_cause, u8 flags   boot; flag 1: on CAN, 2: with empty flash,
  *                                               4: without its crystal, 8: after a crash, 16: with a
  *                                               flash that keeps nothing from now on, 32: without
- *                                               rangers, bumper and cliff sensor
+ *                                               rangers, bumper and cliff sensor, 64: with a program
+ *                                               that misses two of three control periods
  *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u32 age of the first in us, u8 contacts, u16 x4 power
  *                                               sensor readings from now on (board.h)
  *   'S' u32 microseconds, u16 length, bytes     run for this time, then receive the data:
@@ -46,6 +47,7 @@ static struct {
     board_ranges_t ranges;
     uint32_t ultrasonic_age_us;
     uint8_t contacts;
+    int64_t missed_us;
     board_power_t power;
 
     uint8_t pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
@@ -259,6 +261,7 @@ static void take_boot(reader_t *reader)
     lives.identity.troubles = flags & 4u ? BOARD_TROUBLE_CLOCK : 0u;
     lives.identity.crash = flags & 8u ? &CRASH : NULL;
     lives.worn = flags & 16u;
+    lives.missed_us = flags & 64u ? 20000 : 0;
     lives.identity.name = NAME;
     lives.identity.capabilities = SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU;
     if (!(flags & 32u)) {
@@ -295,6 +298,10 @@ static void take_readings(reader_t *reader)
 
 static void poll(void)
 {
+    if ((int64_t)lives.now_us < device.due_us + (int64_t)lives.booted_us + lives.missed_us
+        && lives.missed_us != 0) {
+        return; /* the program is busy elsewhere */
+    }
     const uint8_t reboots = lives.reboots;
     firmware_poll(&device);
     if (lives.reboots != reboots || lives.supply_lost) {
@@ -309,7 +316,7 @@ static void run_for(uint32_t for_us)
     const uint64_t left_us = lives.end_us - lives.now_us;
     const uint64_t until_us = lives.now_us + (for_us < left_us ? for_us : left_us);
     for (;;) {
-        const int64_t due_us = device.due_us + (int64_t)lives.booted_us;
+        const int64_t due_us = device.due_us + (int64_t)lives.booted_us + lives.missed_us;
         if (due_us > (int64_t)until_us) {
             break;
         }

@@ -154,11 +154,11 @@ static int16_t duty_steps(float duty)
     return (int16_t)sp_round(duty * BOARD_DUTY_ONE, -BOARD_DUTY_ONE, BOARD_DUTY_ONE);
 }
 
-static velocity_t run_plan(
-    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
+static velocity_t run_plan(control_t *control, uint32_t tick, uint32_t ticks,
+    readings_t *readings, const around_t *around)
 {
-    const velocity_t wanted =
-        onboard_step(&control->plan, tick, control->now_us, readings, around, &control->log);
+    const velocity_t wanted = onboard_step(
+        &control->plan, tick, ticks, control->now_us, readings, around, &control->log);
     if (onboard_finish_reason(&control->plan) != NULL) {
         (void)control_fire(control, EVENT_FINISHED, 0);
     }
@@ -175,8 +175,8 @@ static duties_t follow(control_t *control, readings_t *readings, velocity_t want
 }
 
 /* Return the duties for the present state and latch. */
-static duties_t drive(
-    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
+static duties_t drive(control_t *control, uint32_t tick, uint32_t ticks, readings_t *readings,
+    const around_t *around)
 {
     if (control->latch.cause == SP_STOP_CAUSE_NONE) {
         if (control->state == STATE_VELOCITY
@@ -193,7 +193,7 @@ static duties_t drive(
             return as_told;
         }
         if (modes_planning(control->state)) {
-            return follow(control, readings, run_plan(control, tick, readings, around));
+            return follow(control, readings, run_plan(control, tick, ticks, readings, around));
         }
     }
     reflexes_rest(&control->reflexes);
@@ -242,11 +242,12 @@ static void judge(control_t *control)
     }
 }
 
-motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
+motors_t control_tick(control_t *control, uint32_t tick, uint32_t ticks, int64_t now_us,
     readings_t *readings, const around_t *around)
 {
     const state_t state = control->state;
     control->now_us = now_us;
+    control->wheels.periods = (float)ticks;
     watchdog_t *const watchdog =
         control->state == STATE_BRINGUP ? &control->duties : &control->setpoints;
     if (watchdog_expired(watchdog, now_us)) {
@@ -254,7 +255,7 @@ motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
     } else if (watchdog_left_us(watchdog, now_us) != 0) {
         control->expired = false;
     }
-    const duties_t duties = drive(control, tick, readings, around);
+    const duties_t duties = drive(control, tick, ticks, readings, around);
     motors_t motors = {duty_steps(duties.left), duty_steps(duties.right), false};
     motor_drivers_switch(&control->drivers, state,
         motors.left == 0 && motors.right == 0 && !wheels_moving(&control->wheels));

@@ -86,8 +86,9 @@ typedef struct {
     bool drivers; /* enabled */
 } motors_t;
 
-/* Run one control period. `around` is NULL in periods without a range measurement. */
-motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
+/* Run one control period. `ticks` is the number of periods since the last call, with missed ones.
+ * `around` is NULL in periods without a range measurement. */
+motors_t control_tick(control_t *control, uint32_t tick, uint32_t ticks, int64_t now_us,
     readings_t *readings, const around_t *around);
 
 /* Process a reading of the supply; the checks count it if `judged`. */

@@ -106,8 +106,9 @@ static void period(firmware_t *firmware)
     session_tick(firmware);
     readings_begin(&firmware->readings);
     const bool sounded = firmware->negotiated && due(firmware, RANGE_PERIODS, RANGE_PHASE);
-    const motors_t motors = control_tick(&firmware->control, firmware->tick, firmware->now_us,
-        &firmware->readings, sounded ? readings_around(&firmware->readings) : NULL);
+    const motors_t motors = control_tick(&firmware->control, firmware->tick, firmware->ticks,
+        firmware->now_us, &firmware->readings,
+        sounded ? readings_around(&firmware->readings) : NULL);
     board_motors(firmware->board, motors.left, motors.right);
     board_drivers(firmware->board, motors.drivers);
     continue_save(firmware);

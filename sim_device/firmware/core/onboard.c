@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "board.h"
+#include "period.h"
 
 /* Time at rest before the first move, us. The gyro bias is the mean of 250 samples in this time. */
 #define SETTLE_US 2500000
@@ -87,10 +88,10 @@ static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log
     return HALT;
 }
 
-velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings_t *readings,
-    const around_t *around, log_t *log)
+velocity_t onboard_step(onboard_t *plan, uint32_t tick, uint32_t ticks, int64_t now_us,
+    readings_t *readings, const around_t *around, log_t *log)
 {
-    const bool decides = tick % DECIDE_PERIODS == 0;
+    const bool decides = due_every(DECIDE_PERIODS, 0, tick, ticks);
     odometry_imu(&plan->odometry, &readings->imu, now_us);
     if (decides) {
         odometry_encoders(&plan->odometry, readings->counts, now_us);

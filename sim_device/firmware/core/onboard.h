@@ -49,10 +49,10 @@ void onboard_resume(onboard_t *plan);
 /* End the plan after its last leg or at an abort. */
 void onboard_end(onboard_t *plan);
 
-/* Run one control period: process the readings and return the velocity. Decisions are written to
- * the log. `around` is NULL in periods without a range measurement. */
-velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, readings_t *readings,
-    const around_t *around, log_t *log);
+/* Run one control period: process the readings and return the velocity. `ticks` is the number of
+ * periods since the last call, with missed ones. Decisions are written to the log. `around` is NULL in periods without a range measurement. */
+velocity_t onboard_step(onboard_t *plan, uint32_t tick, uint32_t ticks, int64_t now_us,
+    readings_t *readings, const around_t *around, log_t *log);
 
 /* Return the reason why the plan has ended by itself; NULL while it runs. */
 const char *onboard_finish_reason(const onboard_t *plan);

@@ -90,6 +90,7 @@ void wheels_start(
 {
     const wheels_t at_rest = {0};
     *wheels = at_rest;
+    wheels->periods = 1.0f;
     wheels->left_metres_per_count = metres_per_count * 2.0f / (1.0f + wheel_ratio);
     wheels->right_metres_per_count = metres_per_count * 2.0f * wheel_ratio / (1.0f + wheel_ratio);
     wheels->half_base_m = 0.5f * wheel_base_m;
@@ -106,10 +107,11 @@ void wheels_limit(
 duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
     const board_encoders_t *counts, float supply_v)
 {
-    const float yaw_step = wheels->v_step_m_s / wheels->half_base_m;
+    const float v_step = wheels->v_step_m_s * wheels->periods;
+    const float yaw_step = v_step / wheels->half_base_m;
     const float scale = ROBOT_NOMINAL_V / larger(supply_v, ROBOT_LEAST_V);
     wheels->v_m_s =
-        towards(wheels->v_m_s, clamped(v_m_s, wheels->v_max_m_s), wheels->v_step_m_s);
+        towards(wheels->v_m_s, clamped(v_m_s, wheels->v_max_m_s), v_step);
     wheels->yaw_rate_rad_s = towards(wheels->yaw_rate_rad_s,
         clamped(yaw_rate_rad_s, wheels->yaw_rate_max_rad_s), yaw_step);
     const float turn = wheels->half_base_m * wheels->yaw_rate_rad_s;
@@ -144,7 +146,7 @@ static float falling_duty(const wheels_t *wheels, wheel_t *wheel, float target_m
         wheel->fall = absolute(wheel->duty) / periods;
     }
     release_wheel(wheel);
-    wheel->duty = towards(wheel->duty, 0.0f, wheel->fall);
+    wheel->duty = towards(wheel->duty, 0.0f, wheel->fall * wheels->periods);
     return wheel->duty;
 }
 
@@ -156,9 +158,9 @@ duties_t wheels_release(wheels_t *wheels, const board_encoders_t *counts)
         falling_duty(wheels, &wheels->left, wheels->v_m_s - turn),
         falling_duty(wheels, &wheels->right, wheels->v_m_s + turn),
     };
-    wheels->v_m_s = towards(wheels->v_m_s, 0.0f, wheels->v_step_m_s);
-    wheels->yaw_rate_rad_s =
-        towards(wheels->yaw_rate_rad_s, 0.0f, wheels->v_step_m_s / wheels->half_base_m);
+    const float v_step = wheels->v_step_m_s * wheels->periods;
+    wheels->v_m_s = towards(wheels->v_m_s, 0.0f, v_step);
+    wheels->yaw_rate_rad_s = towards(wheels->yaw_rate_rad_s, 0.0f, v_step / wheels->half_base_m);
     wheels->released = true;
     return duties;
 }

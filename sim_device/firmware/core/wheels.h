@@ -37,6 +37,7 @@ typedef struct {
     float v_max_m_s;
     float yaw_rate_max_rad_s;
     float v_step_m_s; /* per period */
+    float periods;    /* since the last step: 1, and the missed ones */
 } wheels_t;
 
 /* Start at rest; values that affect geometry do not change during this boot. */
@@ -56,8 +57,8 @@ duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
 void wheels_coast(wheels_t *wheels, const board_encoders_t *counts, duties_t duties);
 
 /* Run one period of the safe state: duties only decrease, for any encoder counts. They reach 0 at
- * most 0.1 s after the time at which the ramp would be at rest. The next wheels_step() starts with
- * zero integrators. */
+ * most 0.1 s after the time at which the ramp would be at rest, also if periods are missed. The next
+ * wheels_step() starts with zero integrators. */
 duties_t wheels_release(wheels_t *wheels, const board_encoders_t *counts);
 
 /* Return the yaw rate computed from the wheels, counter-clockwise. */
