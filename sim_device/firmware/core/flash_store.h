@@ -16,7 +16,8 @@
  * of entries; key and value of each entry; the CRC-32 of everything before it. */
 #define FLASH_VALUES (PARAMETERS + KEY_WORDS)
 #define FLASH_RECORD_WORDS (3u + 2u * FLASH_VALUES + 1u)
-_Static_assert(4u * FLASH_RECORD_WORDS <= BOARD_FLASH_PAGE_SIZE, "a record must fit into a page");
+/* An array of negative size is an error: a record must fit into a page. */
+typedef char record_fits_into_a_page[4u * FLASH_RECORD_WORDS <= BOARD_FLASH_PAGE_SIZE ? 1 : -1];
 
 typedef enum { FLASH_IDLE, FLASH_ERASING, FLASH_WRITING } flash_step_t;
 

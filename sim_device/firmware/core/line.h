@@ -21,8 +21,9 @@
 #define LINE_KEPT_FRAMES (3u * LINE_CAN_WAITING / 8u)
 /* Number of frames of the longest message, a log line. */
 #define LINE_LONGEST_FRAMES 20u
-_Static_assert(LINE_CAN_WAITING >= LINE_KEPT_FRAMES + LINE_LONGEST_FRAMES,
-    "an idle queue must have room for the longest message");
+#if LINE_CAN_WAITING < LINE_KEPT_FRAMES + LINE_LONGEST_FRAMES
+#error "an idle queue must have room for the longest message"
+#endif
 
 typedef struct {
     board_t *board;
