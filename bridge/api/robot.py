@@ -651,7 +651,7 @@ class Robot:
         self._thread.join(timeout=OPEN_TIMEOUT_S)
         return result
 
-    def _in_loop(self, action: Callable[[], object]) -> None:
+    def _in_loop(self, action: Callable[[], None]) -> None:
         """Run ``action`` in the loop's thread and wait for it.
 
         Raises:

@@ -53,7 +53,8 @@ def watch(port: str, *, hz: float = 4.0, of: str = "status") -> Iterator[dict[st
         OwnerRejectedError: the owner rejected the request.
 
     """
-    with _connected(port, ANSWER_TIMEOUT_S + (1.0 / hz if hz > 0.0 else 0.0)) as (client, answers):
+    period_s = 1.0 / hz if hz > 0.0 else 0.0  # the owner rejects another rate
+    with _connected(port, ANSWER_TIMEOUT_S + period_s) as (client, answers):
         _send(port, client, {"do": "watch", "hz": hz, "of": of})
         yield _part(port, _next(port, answers), of)
         while True:

@@ -183,24 +183,21 @@ class Mission:
 
     def start(
         self, runner: Runner, *, clear_stop: bool = False, clear_cause: int = StopCause.NONE
-    ) -> bool:
+    ) -> None:
         """Add a runner to a run that only monitors; the runner starts with the next status.
+
+        It has no effect if the run has a runner already, or cannot start now.
 
         Args:
             runner: decides the velocity.
             clear_stop: clear a latched stop of any cause.
-            clear_cause: clear a latched stop of this cause only.
-
-        Returns:
-            False: the run has a runner already, or cannot start now.
+            clear_cause: clear a latched stop of this cause too.
 
         """
-        if self.runner is not None or self.phase is not Phase.WAITING:
-            return False
-        self.runner = runner
-        self._clear_any = clear_stop
-        self._clear_cause = clear_cause
-        return True
+        if self.runner is None and self.phase is Phase.WAITING:
+            self.runner = runner
+            self._clear_any = clear_stop
+            self._clear_cause = clear_cause
 
     def requests(self) -> list[Request]:
         """Return and remove the requests for the session."""

@@ -37,6 +37,7 @@ cdef class Control:
         Sampler sampler,
         object around,
     )
-    cpdef object on_power(self, object reading, bint judged)
+    cpdef object on_power(self, object reading)
+    cpdef object check_power(self)
     cpdef object _judge(self)
     cpdef object _log_faults(self, object bits)

@@ -54,7 +54,7 @@ class Control:
         self.latch = StopLatch()
         self.setpoints = SetpointWatchdog()
         self.duties = DutyWatchdog()
-        self.health = Health()
+        self.health = Health(has_ultrasonic=model.ultrasonic.fitted)
         self.reflexes = Reflexes()
         self.drivers = MotorDrivers()
         self.onboard: Onboard | None = None
@@ -208,10 +208,7 @@ class Control:
         self.drivers.switch(state, duties, wheels)
         health.tick(sampler.imu_nominal, counts, wheels, duties)
         if around is not None:
-            model = self._model
-            health.on_around(
-                around, model.wheel_base_m, model.metres_per_count, model.ultrasonic.fitted
-            )
+            health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
         if health.bits != self._logged_bits:
             self._log_faults(health.bits)
         if self.modes.state is not _STOPPED:
@@ -246,11 +243,13 @@ class Control:
             self.fire(Event.FINISHED)
         return wanted
 
-    def on_power(self, reading: PowerReading, judged: bool) -> None:  # noqa: FBT001 - compiled
-        """Process a reading of the supply; the checks count it if ``judged``."""
+    def on_power(self, reading: PowerReading) -> None:
+        """Process a reading of the supply."""
         self.power, self._supply_v = reading, reading.battery_v
-        if judged:
-            self.health.on_power(reading, self._low_v, self._empty_v)
+
+    def check_power(self) -> None:
+        """Check the newest reading of the supply; called at 5 Hz, whatever the stream's rate."""
+        self.health.on_power(self.power, self._low_v, self._empty_v)
 
     def _judge(self) -> None:
         """Stop any motion that is unsafe with the present faults."""

@@ -10,7 +10,7 @@ cdef class Health:
     cdef object _currents_a, _counts, _range_counts
     cdef long long _tick, _repeats, _moved_tick, _jolt_tick, _up_sum, _gravity_sum, _gravity_next
     cdef Signs _signs
-    cdef bint _touched
+    cdef bint _has_ultrasonic, _touched
     cdef double _unseen_m
     cdef list _side_m
 
@@ -20,6 +20,6 @@ cdef class Health:
     cpdef object _judge_imu(self, object imu, object wheels)
     cpdef object _judge_stall(self, object wheels)
     cpdef object on_power(self, object reading, double low_v, double empty_v)
-    cpdef object on_around(self, object around, double wheel_base_m, double metres_per_count, bint has_ultrasonic)
+    cpdef object on_around(self, object around, double wheel_base_m, double metres_per_count)
     cpdef bint _switch_stays(self, object around)
     cpdef bint _is_ultrasonic_wrong(self, object sonar_m, object touched, double ahead_m, double turned_rad)

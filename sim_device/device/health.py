@@ -120,8 +120,9 @@ BESIDE_M = 0.08
 class Health:
     """Fault bits, updated in each period."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_ultrasonic: bool = True) -> None:
         """Start without readings and without a fault."""
+        self._has_ultrasonic = has_ultrasonic
         self.bits = 0
         """Fault bits (``protocol.messages.values.Fault``)."""
         self.battery_empty = False
@@ -260,13 +261,7 @@ class Health:
         self._empty = self._empty + 1 if battery_v < empty_v else 0
         self.battery_empty = self._empty >= EMPTY_READINGS
 
-    def on_around(
-        self,
-        around: Around,
-        wheel_base_m: float,
-        metres_per_count: float,
-        has_ultrasonic: bool,  # noqa: FBT001 - a compiled method takes no keyword
-    ) -> None:
+    def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
         """Process rangers and contacts, and the wheels' travel since the last reading."""
         sonar_m, left_m, right_m, bumper_left, bumper_right, cliff, _ = around
         (left, right), (left_0, right_0) = self._counts, self._range_counts
@@ -281,7 +276,7 @@ class Health:
             bits &= ~LIFTED
         elif self._tick - self._jolt_tick < JOLT_TICKS:
             bits |= LIFTED
-        if has_ultrasonic and self._is_ultrasonic_wrong(
+        if self._has_ultrasonic and self._is_ultrasonic_wrong(
             sonar_m, bumper_left and bumper_right, ahead_m, turned_rad
         ):
             bits |= ULTRASONIC

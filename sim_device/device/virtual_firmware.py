@@ -427,6 +427,12 @@ class Firmware:
 
     # ---- time -----------------------------------------------------------------------------
 
+    def _measure_power(self, *, checks: bool) -> None:
+        """Measure the supply. It is measured and checked even if no stream reports it."""
+        self.control.on_power(self._sampler.power())
+        if checks:
+            self.control.check_power()
+
     def tick(self, now_us: int) -> tuple[float, float]:
         """Run one control period: return left and right duty, and queue the due streams."""
         if self.session_id and now_us - self._received_us > HOST_SILENCE_US:
@@ -441,11 +447,9 @@ class Firmware:
             self._carry_on_saving(now_us)
         due = self.schedule.due(tick)
         self._answer_stop(due, now_us)
-        # The supply is measured even if no stream reports it.
-        # The checks of the supply have their own rate, whatever the rate of the stream.
-        judged = tick % POWER_TICKS == self._power_phase
-        if judged or "power" in due:
-            self.control.on_power(sampler.power(), judged)
+        checks = tick % POWER_TICKS == self._power_phase
+        if checks or "power" in due:
+            self._measure_power(checks=checks)
         if tick % LOAD_TICKS == 0:
             self.telemetry.measure_load()
         if self.negotiated:

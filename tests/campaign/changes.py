@@ -64,25 +64,26 @@ class Change:
     rooms: tuple[str, ...] = ROOMS
     noise: str = "typical"
     max_s: float = 3000.0
+    stops_within_s: float | None = None
+    """Maximum time from the change to the end of the run, s; None: the run may go on."""
+    completes: bool = False
+    """True if every run must complete, unless furniture holds the robot."""
+    is_reported: bool = False
+    """True if every run must report that the walls do not fit the room."""
 
 
 CHANGES = (
-    Change("none"),
-    Change("none, harsh", noise="harsh"),
-    Change("wheels spin freely"),
-    Change("one wheel spins freely"),
-    Change("started elsewhere", max_s=400.0),
-    Change("cliff, harsh", ("pit",), "harsh"),
-    Change("lifted, put down elsewhere"),
+    Change("none", completes=True),
+    Change("none, harsh", noise="harsh", completes=True),
+    Change("wheels spin freely", stops_within_s=10.0),
+    Change("one wheel spins freely", stops_within_s=10.0),
+    Change("started elsewhere", max_s=400.0, is_reported=True),
+    Change("cliff, harsh", ("pit",), "harsh", completes=True),
+    Change("lifted, put down elsewhere", stops_within_s=10.0),
     Change("displaced, unfelt"),
     Change("furniture moved", FURNISHED),
-    Change("a person walks by"),
+    Change("a person walks by", completes=True),
 )
-
-MUST_STOP = ("wheels spin freely", "one wheel spins freely", "lifted, put down elsewhere")
-HARMLESS = ("none", "none, harsh", "cliff, harsh", "a person walks by")
-STOPS_WITHIN_S = 10.0
-"""Maximum time from the beginning of a spin to the end of the run, s."""
 
 
 @dataclass(frozen=True)
@@ -301,15 +302,14 @@ def results_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[tuple[Jo
 
 def violations(job: Job, result: Result) -> list[str]:
     """Return what a run must not do after its change, each as a line; empty: all is right."""
-    name, found = job.change.name, []
-    if "spin" in name and not result.ended_s - result.at_s <= STOPS_WITHIN_S:
-        found.append(f"not stopped within {STOPS_WITHIN_S:g} s")
-    if name in MUST_STOP and result.outcome != "stopped":
-        found.append(f"ended as {result.outcome}, not stopped")
-    if name == "started elsewhere" and "start" not in result.events:
+    change, found = job.change, []
+    limit_s, took_s = change.stops_within_s, result.ended_s - result.at_s
+    if limit_s is not None and not (result.outcome == "stopped" and took_s <= limit_s):
+        found.append(f"not stopped within {limit_s:g} s: {result.outcome}")
+    if change.is_reported and "start" not in result.events:
         found.append("the wrong start was not reported")
-    if name in HARMLESS and not result.held and result.outcome != "complete":
-        found.append(f"ended as {result.outcome}: {result.reason}")
+    if change.completes and not result.held and result.outcome != "complete":
+        found.append(f"{result.outcome}: {result.reason}")
     if result.fell:
         found.append("a wheel was driven over a pit")
     return [f"{job.name}: {text}" for text in found]

@@ -59,10 +59,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("folder", type=Path)
     folder: Path = parser.parse_args().folder
-    folder.mkdir(parents=True, exist_ok=True)
     files = [folder / f"{name}.toml" for name in SIZES]
-    for file in files:
-        file.write_text(to_toml(robot_of_size(file.stem)), encoding="utf-8")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in files:
+            file.write_text(to_toml(robot_of_size(file.stem)), encoding="utf-8")
+    except OSError as error:
+        parser.error(f"cannot write {error.filename}: {error.strerror}")
     print(",".join(map(str, files)))
     return 0
 

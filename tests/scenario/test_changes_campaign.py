@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from campaign.changes import CHANGES, MODEL, Change, Job, Observer, Result, jobs_of, kept_at, run
+from campaign.changes import (
+    CHANGES,
+    MODEL,
+    Change,
+    Job,
+    Observer,
+    Result,
+    jobs_of,
+    kept_at,
+    run,
+    violations,
+)
 from campaign.changes_page import page
 from tools.cli.rooms import load_room
 from tools.virtual.loop import HOST_BOOT_NS
@@ -90,6 +101,18 @@ def test_the_page_has_a_row_for_each_change() -> None:
     assert "1 runs drove a wheel over a pit" in text
     assert "In 1 runs the moved furniture was put on the robot and held it; 1 of them" in text
     assert "- one: 1 x wheels and gyro differ by N°" in text
+
+
+def test_what_a_run_must_not_do_is_named() -> None:
+    spinning = Job(change("wheels spin freely"), 1)
+    late, in_time = (Result("stopped", "so", "", 20.0, ended_s) for ended_s in (31.0, 24.0))
+    assert violations(spinning, late) == [f"{spinning.name}: not stopped within 10 s: stopped"]
+    assert not violations(spinning, in_time)
+    assert violations(Job(change("lifted, put down elsewhere"), 1), Result("complete", ended_s=9.0))
+    assert violations(Job(change("started elsewhere"), 1), Result("complete"))
+    assert violations(Job(change("none"), 1), Result("stopped", "wheels and gyro differ"))
+    assert violations(Job(change("displaced, unfelt"), 1), Result("stopped", "moved")) == []
+    assert violations(Job(change("furniture moved"), 1), Result("complete", fell=True))
 
 
 def test_every_change_is_run_with_every_seed() -> None:

@@ -9,15 +9,15 @@ import pytest
 
 from protocol.generate import render
 from protocol.messages.device import INFRARED_NONE, ULTRASONIC_NONE, Range
-from protocol.messages.host import Stop
-from protocol.messages.values import StopCause
+from protocol.messages.host import Stop, VelocitySetpoint
+from protocol.messages.values import Fault, StopCause
 from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from support.c_build import C_TESTS, MORE, STRICT, any_compiler, locked, run, tool
 from support.core_build import CORE, FIRMWARE, compile_core, script_board, wire
 from support.desk_device import check_that_connect_accepts
 from support.random_scripts import Writer
-from support.script_format import Boot, Readings, received, script
+from support.script_format import Boot, Readings, Step, received, script
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,6 +100,25 @@ def test_inputs_of_parts_that_are_not_connected_have_no_effect(
     values = last.ultrasonic, last.infrared_left, last.infrared_right, int(last.contacts)
     none = (ULTRASONIC_NONE, INFRARED_NONE, INFRARED_NONE, 0)
     assert values == ((50, 32, 40, 7) if connected else none), "40 and 50 mm in steps of 1.25 mm"
+
+
+def test_encoders_without_new_samples_stop_the_robot() -> None:
+    writer = Writer()
+    writer.acts = [Readings(), Boot()]
+    writer.begin()
+    for i in range(200):  # 15 counts of 0.13 mm in 10 ms
+        writer.read(Readings(encoders=(15 * i, 15 * i)))
+        writer.inform(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=10_000)
+    moving = len(writer.acts)
+    writer.read(Readings(encoders=(2985, 2985), encoders_frozen=True))
+    for i in range(200, 300):
+        writer.inform(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=10_000)
+    steps = [act for act in writer.acts[moving:] if isinstance(act, Step)]
+    reports = script_board().run(writer.acts)[-len(steps) :]
+    assert reports[0].motors[0] > 1000
+    faulty = next(i for i, r in enumerate(reports) if r.faults & Fault.ENCODER_LEFT)
+    assert 0.01 * faulty == pytest.approx(0.5, abs=0.05)
+    assert reports[-1].stop_cause == StopCause.HARDWARE
 
 
 def test_a_stop_takes_no_longer_if_control_periods_are_missed() -> None:

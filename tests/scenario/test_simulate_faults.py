@@ -109,3 +109,21 @@ def check_truth(tmp_path: Path, fault: str) -> None:
     # ms at 0.2 m/s would be 10 mm. The drive is straight, and its scale is known to half a percent.
     assert reported["path_m"] > 0.4
     assert reported["pose_error_m"]["max"] < 0.01
+
+
+def test_a_sensor_that_the_robot_lacks_is_not_reported_as_broken(tmp_path: Path) -> None:
+    robot = tmp_path / "blind.toml"
+    robot.write_text("[ultrasonic]\nfitted = false\n")
+    options = ("--robot", str(robot), "--supervise-rule", "sensor.reaction=stop")
+    done = sweepctl(
+        "simulate",
+        "case-1",
+        "--json",
+        *options,
+        "--max-time",
+        "40",
+        "--out",
+        str(tmp_path / "run.mcap"),
+    )
+    assert done.json["collisions"] >= 2, "contacts that an ultrasonic sensor would have seen"
+    assert (done.json["outcome"], done.status) == ("timeout", 1), done.json["reason"]

@@ -62,6 +62,8 @@ def test_the_page_counts_missed_hazards_and_false_alarms() -> None:
     assert not page([caught, clean])[1]
     late.by_check = True
     assert page([caught, late])[1], "a check of the run stopped it"
+    late.ended_s = 9.0
+    assert not page([caught, late])[1], "a stop before the hazard is not its end"
     stopped = Outcome(Job("case-1", "paper", 4), supervised_s=1800.0, by_check=True)
     text, good = page([caught, stopped])
     assert "| check of the run | 1 | 0 | 2.00 |" in text
@@ -94,7 +96,11 @@ def test_an_interrupted_campaign_continues(tmp_path: Path) -> None:
     kept = kept_at(path)
     assert recalled(done.job, kept) == done
     assert recalled(Job("case-1", "paper", 2, hazard=HAZARDS[0]), kept) is None
-    path.write_text(path.read_text().replace('["', '["other', 1))
+    path.write_text(path.read_text()[:-9])
+    assert recalled(done.job, kept_at(path)) is None, "cut short"
+    keep(done, kept_at(path))
+    assert recalled(done.job, kept_at(path)) == done, "on a line of its own"
+    path.write_text(path.read_text().replace('["', '["other'))
     assert recalled(done.job, kept_at(path)) is None, "of other rules"
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages.device import Ack, Nack, ParameterValue, TimeReply
+from protocol.messages.device import Ack, Nack, ParameterValue, Power, TimeReply
 from protocol.messages.host import (
     ClearStop,
     Describe,
@@ -241,6 +241,19 @@ def test_a_battery_that_runs_empty() -> None:
     reported = compare(writer.acts)
     assert any(t.faults & Fault.BATTERY_LOW for t in reported)
     assert reported[-1].stop_cause == StopCause.HARDWARE
+
+
+def test_a_short_sag_at_a_high_rate_of_the_stream_is_no_empty_battery() -> None:
+    writer = Numbered()
+    writer.go(VELOCITY)
+    writer.inform(SetStreamRate(900, CATALOGUE.by_class[Power].type_id, 1000))
+    writer.wait(100_000)
+    writer.read(Readings(battery_mv=11_500))
+    writer.wait(500_000)
+    writer.read(Readings())
+    writer.wait(200_000)
+    reported = compare(writer.acts)
+    assert reported[-1].stop_cause == StopCause.NONE
 
 
 def test_rangers_that_lie() -> None:

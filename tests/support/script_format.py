@@ -67,6 +67,8 @@ class Readings:
     logic_mv: int = 5_003
     motors_ma: tuple[int, int] = (57, 63)
     ultrasonic_age_us: int = 0
+    encoders_frozen: bool = False
+    """The encoders have no new sample from now on."""
 
     def record(self) -> bytes:
         return _READINGS.pack(
@@ -76,7 +78,7 @@ class Readings:
             self.ultrasonic_mm,
             *self.infrared_dmm,
             self.ultrasonic_age_us,
-            self.contacts,
+            self.contacts | self.encoders_frozen << 3,
             self.battery_mv,
             self.logic_mv,
             *self.motors_ma,

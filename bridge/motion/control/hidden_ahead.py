@@ -62,12 +62,15 @@ def contact_speed(
     if aside_m >= rim_m or ahead_m <= 0.0:
         return math.inf
     reach_m = math.sqrt(rim_m * rim_m - aside_m * aside_m)
-    touch = contact_m_s * rim_m / reach_m  # the component along the normal is v·cos β
+    at_contact = contact_m_s * rim_m / reach_m  # the component along the normal is v·cos β
     lag_speed = brake.decel * brake.latency_s
     path_m = max(ahead_m - reach_m, 0.0)
     if not path_m:
-        return touch
-    return max(math.sqrt((lag_speed + touch) ** 2 + 2.0 * brake.decel * path_m) - lag_speed, touch)
+        return at_contact
+    return max(
+        math.sqrt((lag_speed + at_contact) ** 2 + 2.0 * brake.decel * path_m) - lag_speed,
+        at_contact,
+    )
 
 
 class HiddenAhead:

@@ -9,7 +9,8 @@
  *                                               rangers, bumper and cliff sensor, 64: with a program
  *                                               that misses two of three control periods
  *   'R' u16 x2 encoders, i16 x7 IMU, u16 x3 ranges, u32 age of the first in us, u8 contacts, u16 x4 power
- *                                               sensor readings from now on (board.h)
+ *                                               sensor readings from now on (board.h); contact 8:
+ *                                               the encoders have no new sample from now on
  *   'S' u32 microseconds, u16 length, bytes     run for this time, then receive the data:
  *                                               bytes, or frames of 16 B (struct can_frame)
  *   'F' u8 node, u8 type, u32 stamp, u8 length, payload
@@ -48,6 +49,7 @@ static struct {
     uint32_t ultrasonic_age_us;
     uint8_t contacts;
     int64_t missed_us;
+    uint32_t encoders_us; /* time of the last sample of the encoders; 0: each reading is new */
     board_power_t power;
 
     uint8_t pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
@@ -144,7 +146,7 @@ void board_drivers(board_t *board, bool enabled)
 void board_encoders(board_t *board, board_encoders_t *out)
 {
     *out = lives.encoders;
-    out->sampled_us = uptime_us();
+    out->sampled_us = lives.encoders_us != 0 ? lives.encoders_us : uptime_us();
 }
 
 void board_imu(board_t *board, board_imu_t *out)
@@ -289,7 +291,9 @@ static void take_readings(reader_t *reader)
     lives.ranges.infrared_left_dmm = take_u16(reader);
     lives.ranges.infrared_right_dmm = take_u16(reader);
     lives.ultrasonic_age_us = take(reader, 4);
-    lives.contacts = (uint8_t)take(reader, 1) & 7u;
+    const uint8_t contacts = (uint8_t)take(reader, 1);
+    lives.contacts = contacts & 7u;
+    lives.encoders_us = contacts & 8u ? uptime_us() : 0u;
     lives.power.battery_mv = take_u16(reader);
     lives.power.logic_mv = take_u16(reader);
     lives.power.motor_left_ma = take_u16(reader);

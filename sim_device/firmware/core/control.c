@@ -274,12 +274,15 @@ motors_t control_tick(control_t *control, uint32_t tick, uint32_t ticks, int64_t
     return motors;
 }
 
-void control_power(control_t *control, const board_power_t *power, bool judged)
+void control_power(control_t *control, const board_power_t *power)
 {
     control->power = *power;
-    if (judged) {
-        health_power(&control->health, power, control->battery_low_v, control->battery_empty_v);
-    }
+}
+
+void control_check_power(control_t *control)
+{
+    health_power(
+        &control->health, &control->power, control->battery_low_v, control->battery_empty_v);
 }
 
 /* ---- present state -------------------------------------------------------------------------- */

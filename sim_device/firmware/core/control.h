@@ -91,8 +91,11 @@ typedef struct {
 motors_t control_tick(control_t *control, uint32_t tick, uint32_t ticks, int64_t now_us,
     readings_t *readings, const around_t *around);
 
-/* Process a reading of the supply; the checks count it if `judged`. */
-void control_power(control_t *control, const board_power_t *power, bool judged);
+/* Process a reading of the supply. */
+void control_power(control_t *control, const board_power_t *power);
+
+/* Check the newest reading of the supply; called at 5 Hz, whatever the stream's rate. */
+void control_check_power(control_t *control);
 
 /* ---- present state -------------------------------------------------------------------------- */
 

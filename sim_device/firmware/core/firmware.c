@@ -16,8 +16,8 @@
 #define RANGE_PERIODS 5u
 #define RANGE_PHASE ((uint32_t)STREAM_RANGE % RANGE_PERIODS)
 #define LOAD_PERIODS 10u
-/* Maximum number of frames between two control periods' checks: a flood of frames must not delay
- * the period. */
+/* Maximum number of frames that one poll processes. A control period that becomes due in a flood of
+ * frames then waits for at most this number of frames. */
 #define FRAMES_PER_POLL 16u
 
 void firmware_uart_received(
@@ -59,12 +59,11 @@ void firmware_boot(firmware_t *firmware, board_t *board)
 
 /* ---- the control period --------------------------------------------------------------------- */
 
-/* `judged`: the checks of the supply count this reading. Their rate does not depend on the stream. */
-static void read_power(firmware_t *firmware, bool judged)
+static void read_power(firmware_t *firmware)
 {
     board_power_t power;
     board_power(firmware->board, &power);
-    control_power(&firmware->control, &power, judged);
+    control_power(&firmware->control, &power);
 }
 
 static void continue_save(firmware_t *firmware)
@@ -113,10 +112,11 @@ static void period(firmware_t *firmware)
     board_drivers(firmware->board, motors.drivers);
     continue_save(firmware);
     /* The supply is measured even if no stream reports it. */
-    const bool judged = due(firmware, POWER_PERIODS, POWER_PHASE);
-    if (judged
-        || schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
-        read_power(firmware, judged);
+    if (due(firmware, POWER_PERIODS, POWER_PHASE)) {
+        read_power(firmware);
+        control_check_power(&firmware->control);
+    } else if (schedule_due(&firmware->schedule, STREAM_POWER, firmware->tick, firmware->ticks)) {
+        read_power(firmware);
     }
     if (due(firmware, LOAD_PERIODS, 0)) {
         telemetry_measure_load(firmware);

@@ -50,7 +50,8 @@ void onboard_resume(onboard_t *plan);
 void onboard_end(onboard_t *plan);
 
 /* Run one control period: process the readings and return the velocity. `ticks` is the number of
- * periods since the last call, with missed ones. Decisions are written to the log. `around` is NULL in periods without a range measurement. */
+ * periods since the last call, with missed ones. Decisions are written to the log. `around` is NULL
+ * in periods without a range measurement. */
 velocity_t onboard_step(onboard_t *plan, uint32_t tick, uint32_t ticks, int64_t now_us,
     readings_t *readings, const around_t *around, log_t *log);
 

@@ -180,6 +180,14 @@ def test_watching_continues_until_the_run_is_over(owner: OwnerSocket, port: str)
     assert owner.path.exists()
 
 
+def test_watching_waits_as_long_as_its_rate_needs(
+    owner: OwnerSocket, port: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bridge.io.owner_client.ANSWER_TIMEOUT_S", 0.2)
+    assert [status["shown"] for status in watch(port, hz=2.0)] == [1, 2, 3, 4]
+    assert owner.path.exists()
+
+
 def _raw(owner: OwnerSocket) -> socket.socket:
     client = socket.socket(socket.AF_UNIX)
     client.settimeout(10.0)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+import struct
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mcap.reader import make_reader
 
 from bridge.library import entry
 from bridge.library.columns import NAMES
@@ -152,6 +154,22 @@ def test_a_damaged_summary_is_a_problem_and_not_a_figure(tmp_path: Path) -> None
     (row,) = listed(tmp_path)
     assert row["outcome"] is None
     assert "summary.json is damaged" in row["problem"]
+
+
+def test_an_index_that_points_behind_the_end_hides_no_run(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "a.mcap", coverage=0.93)
+    data = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    index = summary.attachment_indexes[0]
+    place = struct.pack("<QQ", index.offset, index.length)
+    assert data.count(place) == 1
+    at = data.index(place)
+    data[at : at + 16] = struct.pack("<QQ", len(data), 0)
+    path.write_bytes(data)
+    (row,) = listed(tmp_path)
+    assert row["outcome"] == "complete", "the whole file is read instead"
 
 
 def test_tags_and_notes_follow_a_log_that_was_moved(tmp_path: Path) -> None:

@@ -201,6 +201,32 @@ def test_a_gamepad_drives_and_its_loss_releases_all(
     assert gone == [Sticks(0.0, 0.0, held=False)], "the loss is reported once, after the release"
 
 
+def test_a_gamepad_that_sends_nothing_is_released(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bridge.io.gamepad.open_joystick", open_fifo)
+    monkeypatch.setattr("bridge.io.gamepad.SILENT_S", 0.5)
+    path = str(tmp_path / "js0")
+    os.mkfifo(path)
+    keeper = os.open(path, os.O_RDWR)
+    driven, released = threading.Event(), threading.Event()
+
+    def take(sticks: Sticks) -> None:
+        if sticks.held:
+            driven.set()
+        elif driven.is_set():
+            released.set()
+
+    with Gamepad(path, take, lambda: None):
+        os.write(keeper, event(1, 4, 1) + event(2, 1, -32767))
+        assert driven.wait(20.0)
+        assert released.wait(20.0), "the link to the pad may be lost"
+        driven.clear()
+        os.write(keeper, event(2, 1, -32000))
+        assert driven.wait(20.0), "an event drives again"
+    os.close(keeper)
+
+
 def test_no_such_gamepad() -> None:
     with pytest.raises(PortError, match="plug in the gamepad"):
         Gamepad("/dev/input/js99", lambda _s: None, lambda: None)

@@ -6,7 +6,15 @@ import struct
 
 import pytest
 
-from bridge.session.monitor import Monitor, Seen, TypeCount, UnknownTypeError, as_text, texts
+from bridge.session.monitor import (
+    RATE_WINDOW_NS,
+    Monitor,
+    Seen,
+    TypeCount,
+    UnknownTypeError,
+    as_text,
+    texts,
+)
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.messages.device import Encoders, Hello, ImuInfo, Sync
@@ -206,3 +214,11 @@ def test_a_rate_counts_intervals(times_s: tuple[float, ...], now_s: float, rate_
     for time_s in times_s:
         count.add(Seen(round(time_s * 1e9), "message", "hello", 1, "device", 0, {}, "", b""))
     assert count.rate_hz(round(now_s * 1e9), 0) == pytest.approx(rate_hz)
+
+
+def test_messages_of_the_window_only_are_kept_if_nobody_asks_for_the_rate() -> None:
+    count = TypeCount("imu")
+    for k in range(20_000):
+        count.add(Seen(k * 20_000_000, "message", "imu", 1, "device", 0, {}, "", b""))
+    assert count.count == 20_000
+    assert len(count._times) <= RATE_WINDOW_NS / 20_000_000 + 1  # noqa: SLF001 - the memory in question

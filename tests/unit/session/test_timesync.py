@@ -135,3 +135,16 @@ def test_a_reset_clears_the_wraps_too() -> None:
     world.sync.reset()
     assert world.sync.extend(5) == 5
     assert world.sync.map(DeviceUs(5)) is None
+
+
+def test_a_step_of_the_host_clock_does_not_forget_the_wraps_of_the_device() -> None:
+    world = World(device_us=WRAP - 2_000_000)
+    for _ in range(100):
+        world.ping()
+    before_us = world.sync.extend(world.device_us(world.now_us) % WRAP)
+    assert before_us > WRAP
+    world.device_first_us += 5_000_000
+    while world.sync.steps == 0:
+        world.ping()
+    after_us = world.sync.extend(world.device_us(world.now_us) % WRAP)
+    assert 0 < after_us - before_us < 10_000_000

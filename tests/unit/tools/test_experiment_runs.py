@@ -150,6 +150,11 @@ def test_a_robot_file_is_an_axis_of_the_grid(tmp_path: Path) -> None:
     assert with_robots(trials, [str(small)])[0].key != before
 
 
+def test_without_noise_a_planner_of_another_package_runs_with_each_seed() -> None:
+    assert len(grid_trials(["case-1"], ["mine:Planner"], ["none"], range(3), None)) == 3
+    assert len(grid_trials(["case-1"], ["paper"], ["none"], range(3), None)) == 1
+
+
 def test_a_large_robot_fits_at_the_start_of_a_generated_room() -> None:
     name, radius_m = "generated:legs:4", 0.25
     plan = room_of(name, radius_m)

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
+from dataclasses import replace
+from subprocess import PIPE
 from typing import TYPE_CHECKING, Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from bridge.evaluation.metrics import CoverageMeter
@@ -13,11 +18,14 @@ from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorp
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.world.world import World
+from support.root import ROOT
+from tools.dev import kernels
 from tools.experiment import curves, report
 from tools.experiment.compare_tables import shared, zimablue_table
 from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.figures import path_picture
 from tools.experiment.layout_tables import range_table
+from tools.experiment.paired_differences import difference, matched
 from tools.experiment.paper_tables import (
     PAPER_SHARES,
     beside_rows,
@@ -26,9 +34,22 @@ from tools.experiment.paper_tables import (
     cycle_table,
 )
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES, paper_trials
-from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
+from tools.experiment.store import (
+    LINES,
+    ExperimentFolderError,
+    Store,
+    check_compiled,
+    code_version,
+)
 from tools.experiment.tables import at_multiples, repeat_command, worst_table
-from tools.experiment.trials import OPEN_FLOOR, Trial, TrialKind, generated_rooms, room_of
+from tools.experiment.trials import (
+    OPEN_FLOOR,
+    Trial,
+    TrialKind,
+    generated_rooms,
+    grid_trials,
+    room_of,
+)
 from tools.experiment.zimablue_run import enlarged
 from tools.rooms.layouts import LAYOUT, LAYOUTS
 
@@ -185,6 +206,9 @@ def test_an_enlarged_room_has_the_same_shape() -> None:
     assert (larger.start.x_m, larger.start.y_m) == pytest.approx(
         (1.5 * plan.start.x_m, 1.5 * plan.start.y_m)
     )
+    pit = ((1.0, 1.0), (1.2, 1.0), (1.2, 1.2))
+    solid = enlarged(replace(plan, cliffs=(pit,)), 2.0).obstacles[-1]
+    assert solid == ((2.0, 2.0), (2.4, 2.0), (2.4, 2.4)), "zimablue has no cliffs"
 
 
 def test_the_worst_run_comes_first_with_the_command_that_repeats_it() -> None:
@@ -241,6 +265,85 @@ def test_results_of_other_code_or_another_time_limit_are_not_mixed(tmp_path: Pat
         Store(tmp_path, "2")
     assert Store(tmp_path, "2", force=True).missing([trial]) == [trial]
     assert code_version() == code_version()
+
+
+def test_a_changed_room_file_is_another_trial(tmp_path: Path) -> None:
+    room = tmp_path / "room.json"
+    keys = []
+    for side in (2, 4):
+        walls = [[0, 0], [side, 0], [side, side], [0, side]]
+        room.write_text(json.dumps({"walls": walls, "start": [1, 1, 0]}))
+        (trial,) = grid_trials([str(room)], ["paper"], ["none"], [0], None)
+        keys.append(trial.key)
+    assert keys[0] != keys[1]
+
+
+def test_only_one_process_uses_a_folder(tmp_path: Path) -> None:
+    program = (
+        "import sys\nfrom pathlib import Path\nfrom tools.experiment.store import Store\n"
+        f"store = Store(Path({str(tmp_path)!r}), '1')\nprint('ready', flush=True)\n"
+        "sys.stdin.read()"
+    )
+    words = [sys.executable, "-c", program]
+    with subprocess.Popen(words, stdin=PIPE, stdout=PIPE, text=True, cwd=ROOT) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "ready\n"
+        with pytest.raises(ExperimentFolderError, match="another experiment uses"):
+            Store(tmp_path, "1")
+        other.communicate("")
+    Store(tmp_path, "1")
+
+
+def test_a_module_of_another_source_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_compiled()
+    monkeypatch.setattr(kernels, "is_stale", lambda source: source.stem == "raster_kernel")
+    with pytest.raises(ExperimentFolderError, match="raster_kernel: not compiled, or of another"):
+        check_compiled()
+
+
+def test_a_damaged_part_of_the_dataset_is_written_again(tmp_path: Path) -> None:
+    trial = Trial("case-1", "paper", "none", 0)
+    store = Store(tmp_path, "1")
+    store.add(trial, {"x": 1.5})
+    store.seal()
+    (part,) = (tmp_path / "dataset").iterdir()
+    part.write_bytes(part.read_bytes()[:100])
+    (tmp_path / "dataset" / "_part-00001.parquet").write_bytes(b"unfinished")
+    again = Store(tmp_path, "1")
+    again.seal()
+    assert pq.read_table(tmp_path / "dataset").column("x").to_pylist() == [1.5]
+
+
+def test_runs_with_another_time_limit_are_no_pair() -> None:
+    base = row() | {"max_time_s": None}
+    assert len(matched([base], [base])) == 1
+    assert matched([base | {"max_time_s": 10.0}], [base]) == []
+
+
+def test_equal_differences_have_no_star() -> None:
+    pairs = [({"x": 1.0}, {"x": 2.0})] * 2
+    assert difference(pairs, "x").text() == "+1.00 ± 0.00"
+
+
+def test_a_room_file_in_a_folder_with_a_colon_is_no_generated_room() -> None:
+    command = repeat_command(row(room="12:30/room.json"), "rooms")
+    assert "simulate 12:30/room.json " in command
+    made = repeat_command(row(room="generated:box:1", robot="a/b.toml", robot_hash="12ab"), "rooms")
+    assert "simulate rooms/generated-box-1-b-12ab.json " in made
+
+
+def test_a_long_report_has_the_pictures_of_the_worst_runs() -> None:
+    path = [(0.0, 0.0), (1.0, 0.0)]
+    shares = [0.1] * len(curves.MULTIPLES)
+    curve = {"coverage": shares, "by_path": shares, "by_energy": shares}
+    rows = [
+        row(room=f"generated:box:{n}", mouth_sweepable=0.5 + 0.001 * n, path=path, curve=curve)
+        for n in range(80)
+    ]
+    long, short = (report.render("t", "c", some, []) for some in (rows, rows[:60]))
+    assert "The 60 first seeds with the lowest coverage" in long
+    assert "The 60 first seeds" not in short
+    assert long.count("<svg") == short.count("<svg") > 60
 
 
 def test_a_page_holds_no_text_as_markup_and_markdown_every_cell() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,6 +112,15 @@ def test_a_true_map_is_no_false_evidence() -> None:
     corner = (MODEL.cleaning_width_m / 2) ** 2 * (4 - math.pi)
     assert found["false evidence"] <= share(corner)
     assert found["early end"] > 0.8
+
+
+def test_a_true_map_is_no_false_evidence_for_a_mouth_ahead_of_the_axle() -> None:
+    model = replace(MODEL, mouth_offset_m=0.10)
+    regions = find_regions(PLAN, model, 0.01)
+    nothing = regions.raster.empty()
+    forbidden = ~regions.centres
+    found = classify(regions, model.mouth_reach_m, nothing, nothing, forbidden, END)
+    assert found["false evidence"] == 0.0
 
 
 def test_a_planners_map_is_read_in_its_own_frame() -> None:
