@@ -64,6 +64,7 @@ def test_a_generated_room_is_the_same_each_time_and_takes_another_start() -> Non
         ("generated:foo:1", "one of the kinds box, ell, "),
         ("generated:box", "the name must be generated:KIND:N"),
         ("generated:box:²", "the name must be generated:KIND:N"),
+        (f"generated:box:{'9' * 5000}", "a number N of up to 18 digits"),
         ("layout:nope", "no layout 'nope': give one of wall-obstacle, "),
         ("nowhere", "two-rooms, generated:KIND:N, layout:NAME"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -92,10 +93,10 @@ def _made_room(room: str, radius_m: float | None) -> FloorPlan | None:
     if not room.startswith(GENERATED):
         return None
     kind, _, number = room.removeprefix(GENERATED).partition(":")
-    if kind not in KINDS or not (number.isascii() and number.isdecimal()):
+    if kind not in KINDS or not re.fullmatch("[0-9]{1,18}", number):
         raise FloorPlanError(
-            f"no room {room!r}: the name must be {GENERATED}KIND:N with a number N and one of the "
-            f"kinds {', '.join(KINDS)}"
+            f"no room {room!r}: the name must be {GENERATED}KIND:N with a number N of up to 18 "
+            f"digits and one of the kinds {', '.join(KINDS)}"
         )
     import numpy as np  # takes time, and a shell's completion of names does not need it
 
