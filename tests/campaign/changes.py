@@ -14,7 +14,6 @@ import math
 import os
 import random
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +28,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.session.records import EventRecord, TruthRecord
 from campaign.changes_page import page
-from campaign.kept import Kept
+from campaign.kept import Kept, stored_results
 from sim_device.body.footing import wheel_over
 from sim_device.faults.fault_target import moved_plan
 from sim_device.faults.kinds import parse_fault
@@ -279,25 +278,15 @@ def jobs_of(seeds: Iterable[int], changes: Iterable[Change] = CHANGES) -> list[J
     return [Job(change, seed) for change in changes for seed in seeds]
 
 
-def kept_at(path: Path | None) -> Kept:
-    """Return the stored results of the present version of the checks."""
-    return Kept(path)
+def _stored(job: Job) -> dict[str, Any]:
+    return asdict(run(job))
 
 
 def results_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[tuple[Job, Result]]:
-    """Yield every job's result in order; jobs with a stored result are not run again."""
-    waiting = [job for job in jobs if kept.of(job.name) is None]
-    with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
-        found = pool.map(run, waiting)
-        for number, job in enumerate(jobs, 1):
-            known = kept.of(job.name)
-            if known is not None:
-                yield job, Result(**known)
-                continue
-            result = next(found)
-            kept.add(job.name, asdict(result))
-            print(f"{number} of {len(jobs)}: {job.name}: {result}", file=sys.stderr, flush=True)
-            yield job, result
+    """Yield every job with its result, in order."""
+    stored = stored_results(_stored, {job.name: job for job in jobs}, kept, processes)
+    for job, values in zip(jobs, stored, strict=True):
+        yield job, Result(**values)
 
 
 def violations(job: Job, result: Result) -> list[str]:
@@ -332,7 +321,7 @@ def main() -> int:
         parser.error(f"no change {unknown[0]!r}: give one of {'; '.join(names)}")
     changes = [change for change in CHANGES if wanted is None or change.name in wanted]
     jobs = jobs_of(range(options.first_seed, options.first_seed + options.seeds), changes)
-    results = list(results_of(jobs, kept_at(options.keep), options.jobs))
+    results = list(results_of(jobs, Kept(options.keep), options.jobs))
     text = page([(job.change.name, result) for job, result in results], options.first_seed)
     if options.out is not None:
         options.out.write_text(text, encoding="utf-8")

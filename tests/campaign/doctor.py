@@ -14,12 +14,11 @@ import argparse
 import os
 import sys
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from campaign.kept import Kept
+from campaign.kept import Kept, stored_results
 from protocol.messages.device import Power
 from sim_device.faults.kinds import KINDS
 from sim_device.line.line import LineSettings
@@ -268,24 +267,12 @@ def _cell(count: int, kind: str, subject: CampaignCase) -> str:
     return str(count) if kind in subject.beside else f"~~{count}~~"
 
 
-def _kept_at(path: Path | None) -> Kept:
-    """Return the stored results of the present rules, doctor and subjects."""
-    return Kept(path)
-
-
 def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
-    """Yield every case's result in order; stored results are not computed again."""
-    names = {job: f"{SUBJECTS[job[0]].name}, seed {job[1]}" for job in jobs}
-    waiting = [job for job in jobs if kept.of(names[job]) is None]
-    with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
-        found = pool.map(_examine_one, waiting)
-        for job in jobs:
-            kinds = kept.of(names[job])
-            if kinds is None:
-                kinds = next(found)
-                kept.add(names[job], kinds)
-                print(f"{names[job]}: {' '.join(kinds) or 'nothing'}", file=sys.stderr, flush=True)
-            yield Result(SUBJECTS[job[0]], job[1], kinds)
+    """Yield the result of every subject and seed, in order."""
+    named = {f"{SUBJECTS[i].name}, seed {seed}": (i, seed) for i, seed in jobs}
+    stored = stored_results(_examine_one, named, kept, processes)
+    for (i, seed), kinds in zip(jobs, stored, strict=True):
+        yield Result(SUBJECTS[i], seed, kinds)
 
 
 def main() -> int:
@@ -301,7 +288,7 @@ def main() -> int:
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     jobs = [(i, seed) for i in range(len(SUBJECTS)) for seed in seeds]
-    results = list(results_of(jobs, _kept_at(options.keep), options.jobs))
+    results = list(results_of(jobs, Kept(options.keep), options.jobs))
     for result in results:
         if not result.hit or result.wrong:
             print(

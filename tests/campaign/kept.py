@@ -1,15 +1,22 @@
-"""A file of campaign results; each is appended at once, so the campaign can be interrupted."""
+"""Run the jobs of a campaign in processes; an interrupted campaign can continue.
+
+A file stores each result at once.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from support.root import ROOT
 from tools.experiment.store import code_version
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
 
@@ -43,6 +50,30 @@ class Kept:
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([self._digest, name, reported]) + "\n")
+
+
+def stored_results(
+    work: Callable[[Any], Any], jobs: Mapping[str, Any], kept: Kept, processes: int
+) -> Iterator[Any]:
+    """Yield every job's result in order; jobs with a stored result are not run again.
+
+    Args:
+        work: runs one job in a process and returns a value that JSON can represent.
+        jobs: each job and the name under which its result is stored.
+        kept: the stored results.
+        processes: number of processes.
+
+    """
+    waiting = [job for name, job in jobs.items() if kept.of(name) is None]
+    with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
+        new = pool.map(work, waiting)
+        for number, name in enumerate(jobs, 1):
+            result = kept.of(name)
+            if result is None:
+                result = next(new)
+                kept.add(name, result)
+                print(f"{number} of {len(jobs)}: {name}: {result}", file=sys.stderr, flush=True)
+            yield result
 
 
 def _digest() -> str:

@@ -16,10 +16,9 @@ import argparse
 import os
 import random
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bridge.api.robot_parts import planner_number
 from bridge.floor_plan.floor_plan import FloorPlan
@@ -27,7 +26,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise import Level, SuperviseSettings, settings_from
 from campaign.hazards import GRACE_S, HAZARDS, HOST, IN_LANES, ONBOARD, ROOMS, SHORT, STAIRS, Hazard
-from campaign.kept import Kept
+from campaign.kept import Kept, stored_results
 from campaign.outcome import Alarm, Alarms, Job, Outcome
 from campaign.supervise_page import page
 from protocol.messages.values import StopCause
@@ -131,54 +130,27 @@ def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
     ]
 
 
-def kept_at(path: Path | None) -> Kept:
-    """Return the stored outcomes of the present rules and hazards."""
-    return Kept(path)
+def to_stored(outcome: Outcome) -> dict[str, Any]:
+    """Return an outcome without its job, as it is stored."""
+    values = asdict(outcome)
+    del values["job"]
+    return values
 
 
-def recalled(job: Job, kept: Kept) -> Outcome | None:
-    """Return the stored outcome of a job, or None."""
-    reported = kept.of(job.name)
-    if reported is None:
-        return None
-    return Outcome(job, **{**reported, "alarms": [Alarm(**alarm) for alarm in reported["alarms"]]})
+def from_stored(job: Job, values: dict[str, Any]) -> Outcome:
+    """Return the stored outcome of a job."""
+    return Outcome(job, **{**values, "alarms": [Alarm(**alarm) for alarm in values["alarms"]]})
 
 
-def keep(outcome: Outcome, kept: Kept) -> None:
-    """Store the outcome of a job."""
-    reported = asdict(outcome)
-    del reported["job"]
-    kept.add(outcome.job.name, reported)
+def _stored(job: Job) -> dict[str, Any]:
+    return to_stored(run(job))
 
 
 def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome]:
-    """Yield every job's outcome in order; jobs with a stored outcome are not run again."""
-    waiting = [job for job in jobs if kept.of(job.name) is None]
-    with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
-        found = pool.map(run, waiting)
-        for number, job in enumerate(jobs, 1):
-            outcome = recalled(job, kept)
-            if outcome is None:
-                outcome = next(found)
-                keep(outcome, kept)
-                print(f"{number} of {len(jobs)}: {reported(outcome)}", file=sys.stderr, flush=True)
-            yield outcome
-
-
-def reported(outcome: Outcome) -> str:
-    """Return an outcome in one line."""
-    job = outcome.job
-    alarms = "; ".join(
-        f"{a.at_s:.1f} s {a.rule}{' (true)' if a.true else ''}: {a.text}"
-        for a in outcome.alarms[:4]
-    )
-    if job.hazard is None:
-        return f"{job.name}, {outcome.supervised_s:.0f} s: {alarms or 'no alarm'}"
-    caught_s = outcome.caught_s
-    how = f"caught after {caught_s:.1f} s" if caught_s is not None else "MISSED"
-    if caught_s is None and outcome.ended_it:
-        how = "it has ended the run"
-    return f"{job.name}, at {outcome.at_s} s: {how}; {outcome.ending}; {alarms}"
+    """Yield every job's outcome in order."""
+    stored = stored_results(_stored, {job.name: job for job in jobs}, kept, processes)
+    for job, values in zip(jobs, stored, strict=True):
+        yield from_stored(job, values)
 
 
 def main() -> int:
@@ -197,7 +169,7 @@ def main() -> int:
     first = options.first_seed
     jobs = hazard_jobs(range(first, first + options.seeds))
     jobs += clean_jobs(range(first, first + options.clean_seeds), options.clean_s)
-    outcomes = list(outcomes_of(jobs, kept_at(options.keep), options.jobs))
+    outcomes = list(outcomes_of(jobs, Kept(options.keep), options.jobs))
     text, good = page(outcomes)
     if options.out is not None:
         options.out.write_text(text, encoding="utf-8")

@@ -1,26 +1,24 @@
 r"""Compare the firmware model in Python with the C core in paired closed-loop runs.
 
-    PYTHONPATH=tests nice python -m campaign.targets --kept build/targets.jsonl \
+    PYTHONPATH=tests nice python -m campaign.targets --keep build/targets.jsonl \
         --page docs/two-firmwares.md
 
 Both runs of a pair clean a shipped room with the same planner, seed and noise; only the firmware
 differs. The command prints the mean of each figure with the model. It also prints the mean
 difference, core minus model, with its 95 % interval (Student's t over the pairs). With ``--page``
-it replaces the part between two marks of a page. Runs whose results ``--kept`` holds for the
-present sources are not repeated.
+it replaces the part between two marks of a page. With ``--keep FILE`` an interrupted
+campaign continues, as long as the code is the same.
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from campaign.kept import Kept
+from campaign.kept import Kept, stored_results
 from sim_device.core.core_sweeper import CoreSweeper
 from sim_device.sweeper import VirtualSweeper
 from tools.cli.rooms import load_room, shipped_rooms
@@ -76,7 +74,7 @@ def cases(rooms: Iterable[str], seeds: Iterable[int], noise: str) -> list[Case]:
     ]
 
 
-def measure(case: Case) -> tuple[Case, dict[str, Any]]:
+def measure(case: Case) -> dict[str, Any]:
     """Run one case."""
     plan, model = load_room(case.room), RobotModel()
     device = DEVICES[case.target](plan, model, seed=case.seed, noise=case.noise)
@@ -92,7 +90,7 @@ def measure(case: Case) -> tuple[Case, dict[str, Any]]:
     )
     mission, report = run.host.mission, run.track.report(None)
     began_s, ended_s = mission.drive_started_s, mission.drive_ended_s
-    return case, {
+    return {
         "outcome": "none" if mission.ending is None else mission.ending.outcome,
         "mouth_sweepable": report.coverage.mouth_sweepable,
         "path_m": report.path_m,
@@ -161,15 +159,9 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="page whose marked part is replaced")
     asked = parser.parse_args()
     wanted = cases(asked.rooms.split(","), range(asked.seeds), asked.noise)
-    kept = Kept(asked.keep)
-    results = {case: kept.of(case.name) for case in wanted if kept.of(case.name) is not None}
-    waiting = [case for case in wanted if case not in results]
-    with multiprocessing.Pool(asked.jobs) as pool:
-        for case, result in pool.imap_unordered(measure, waiting):
-            results[case] = result
-            kept.add(case.name, result)
-            sys.stderr.write(f"{len(results)} of {len(wanted)}: {case.name}\n")
-    text = table({case: results[case] for case in wanted})
+    named = {case.name: case for case in wanted}
+    stored = stored_results(measure, named, Kept(asked.keep), asked.jobs)
+    text = table(dict(zip(wanted, stored, strict=True)))
     print(text)
     if asked.page is not None:
         asked.page.write_text(on_page(asked.page.read_text("utf-8"), text), "utf-8")

@@ -13,7 +13,6 @@ from campaign.changes import (
     Observer,
     Result,
     jobs_of,
-    kept_at,
     run,
     violations,
 )
@@ -118,4 +117,3 @@ def test_what_a_run_must_not_do_is_named() -> None:
 def test_every_change_is_run_with_every_seed() -> None:
     jobs = jobs_of(range(3))
     assert len({job.name for job in jobs}) == 3 * len(CHANGES)
-    assert kept_at(None).of(jobs[0].name) is None

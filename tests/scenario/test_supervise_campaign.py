@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
 
 import pytest
 
@@ -11,13 +11,10 @@ from bridge.session.records import EventRecord, Severity, TruthRecord
 from bridge.supervise.settings import SuperviseSettings
 from campaign.hazards import HAZARDS, ROOMS
 from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_path_m
-from campaign.supervise import hazard_jobs, keep, kept_at, recalled, run
+from campaign.supervise import from_stored, hazard_jobs, run, to_stored
 from campaign.supervise_page import page
 from tools.cli.rooms import shipped_rooms
 from tools.virtual.run import EPOCH_NS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytestmark = pytest.mark.slow
 
@@ -88,20 +85,10 @@ def test_an_alarm_about_d_is_compared_with_the_true_lane(reported_m: float, *, t
     assert lane_path_m([], 0.0, 1.0) != lane_path_m([], 0.0, 1.0), "nan: not known"
 
 
-def test_an_interrupted_campaign_continues(tmp_path: Path) -> None:
-    path = tmp_path / "kept.jsonl"
+def test_an_outcome_can_be_stored() -> None:
     done = Outcome(Job("case-1", "paper", 1, hazard=HAZARDS[0]), at_s=10.0, ending="so")
     done.alarms = [Alarm(12.0, "stall", "it stands")]
-    keep(done, kept_at(path))
-    kept = kept_at(path)
-    assert recalled(done.job, kept) == done
-    assert recalled(Job("case-1", "paper", 2, hazard=HAZARDS[0]), kept) is None
-    path.write_text(path.read_text()[:-9])
-    assert recalled(done.job, kept_at(path)) is None, "cut short"
-    keep(done, kept_at(path))
-    assert recalled(done.job, kept_at(path)) == done, "on a line of its own"
-    path.write_text(path.read_text().replace('["', '["other'))
-    assert recalled(done.job, kept_at(path)) is None, "of other rules"
+    assert from_stored(done.job, json.loads(json.dumps(to_stored(done)))) == done
 
 
 def test_every_rule_has_a_hazard() -> None:
