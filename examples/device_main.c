@@ -48,7 +48,7 @@ static struct {
     uint16_t stale;
 
     bool delay_known;
-    uint32_t least_delay_us; /* of the session's fastest frame: arrival minus host stamp */
+    uint32_t min_delay_us; /* of the session's fastest frame: arrival minus host stamp */
     uint32_t delay_at_us;
 
     reply_t replies[REMEMBERED];
@@ -140,17 +140,17 @@ static int32_t extra_delay_us(uint32_t host_us, uint32_t now_us)
     const uint32_t delay_us = now_us - host_us;
     if (!device.delay_known) {
         device.delay_known = true;
-        device.least_delay_us = delay_us;
+        device.min_delay_us = delay_us;
         device.delay_at_us = now_us;
         return 0;
     }
     const uint32_t aged_by = (now_us - device.delay_at_us) / DRIFT;
-    device.least_delay_us += aged_by;
+    device.min_delay_us += aged_by;
     device.delay_at_us += aged_by * DRIFT;
-    if (delay_us - device.least_delay_us >= 0x80000000u) { /* faster than all before */
-        device.least_delay_us = delay_us;
+    if (delay_us - device.min_delay_us >= 0x80000000u) { /* faster than all before */
+        device.min_delay_us = delay_us;
     }
-    const uint32_t extra_us = delay_us - device.least_delay_us;
+    const uint32_t extra_us = delay_us - device.min_delay_us;
     return extra_us < 0x7FFFFFFFu ? (int32_t)extra_us : 0x7FFFFFFF;
 }
 

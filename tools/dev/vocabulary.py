@@ -1,9 +1,9 @@
 """Check that no identifier contains a retired word of the glossary.
 
 ``python -m tools.dev.vocabulary`` reads the retired words from ``docs/glossary.md`` and checks
-every name that our Python files define. It prints one line for each name with such a word, and
-exits with 1 if there is any. Names that must keep a retired word are listed in ``pyproject.toml``
-under ``[tool.sweepctl.vocabulary]``, each with its reason.
+every name that our Python files define or our C files use. It prints one line for each name with
+such a word, and exits with 1 if there is any. Names that must keep a retired word are listed in
+``pyproject.toml`` under ``[tool.sweepctl.vocabulary]``, each with its reason.
 """
 
 from __future__ import annotations
@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("bridge", "protocol", "sim_device", "tools", "tests", "examples")
 FILES = ("sweepctl_pytest.py", "setup.py")
+
+_C_SUFFIXES = (".c", ".h")
+_C_IDENTIFIER = re.compile(r"\b[A-Za-z_]\w*")
+_C_TEXT = re.compile(r"/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\\n])*\"", re.DOTALL)
+"""Comments and string literals."""
 
 _ROW = re.compile(r"^\| `([^`]+)` \| (.+?) \|$")
 _WORD = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+")
@@ -78,6 +83,17 @@ def defined_names(source: str) -> Iterator[Name]:
                 pass
 
 
+def c_names(source: str) -> Iterator[Name]:
+    """Yield each identifier of C code once, with the line of its first use."""
+    code = _C_TEXT.sub(lambda text: "\n" * text[0].count("\n"), source)
+    seen = set()
+    for number, line in enumerate(code.splitlines(), 1):
+        for name in _C_IDENTIFIER.findall(line):
+            if name not in seen:
+                seen.add(name)
+                yield Name(number, name)
+
+
 def retired_in(name: str, words: Iterable[str]) -> list[str]:
     """Return the retired words of an identifier.
 
@@ -96,10 +112,13 @@ def retired_in(name: str, words: Iterable[str]) -> list[str]:
     return found
 
 
-def python_files(root: Path) -> Iterator[Path]:
-    """Yield our Python files, sorted."""
+def source_files(root: Path) -> Iterator[Path]:
+    """Yield our Python and C files, sorted; folders named ``build`` contain none of ours."""
     for folder in FOLDERS:
-        yield from sorted((root / folder).rglob("*.py"))
+        for path in sorted((root / folder).rglob("*")):
+            built = "build" in path.relative_to(root).parts
+            if path.suffix in {".py", *_C_SUFFIXES} and not built:
+                yield path
     yield from (root / name for name in FILES)
 
 
@@ -111,9 +130,10 @@ def check(root: Path, words: dict[str, str], allowed: set[str]) -> tuple[list[Hi
 
     """
     hits, unused = [], set(allowed)
-    for path in python_files(root):
+    for path in source_files(root):
         place = path.relative_to(root)
-        names = [Name(1, path.stem), *defined_names(path.read_text(encoding="utf-8"))]
+        names_in = c_names if path.suffix in _C_SUFFIXES else defined_names
+        names = [Name(1, path.stem), *names_in(path.read_text(encoding="utf-8"))]
         for name in names:
             found = retired_in(name.text, words)
             if found and name.text in allowed:

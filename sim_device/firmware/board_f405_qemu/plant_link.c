@@ -35,7 +35,7 @@ void plant_begin(void) {
     coming = present;
 }
 
-static void settle(void) {
+static void publish_due(void) {
     if (on_its_way && (int32_t)(uptime_us() - coming.sample_us) >= 0) {
         on_its_way = false;
         present = coming;
@@ -44,7 +44,7 @@ static void settle(void) {
 
 void plant_readings(plant_readings_t *out) {
     const uint32_t state = irq_save();
-    settle();
+    publish_due();
     *out = present;
     irq_restore(state);
 }
@@ -86,7 +86,7 @@ static uint32_t u32_at(const uint8_t *from) {
 static void take_sample(const uint8_t *p) {
     const uint32_t sampled_us = u32_at(p);
     board_imu_t *const imu = &coming.imu;
-    settle(); /* an unexpected frame */
+    publish_due(); /* an unexpected frame */
     coming.sample_us = sampled_us;
     coming.encoders.left = u16_at(p + 4);
     coming.encoders.right = u16_at(p + 6);

@@ -186,11 +186,11 @@ static duties_t drive(control_t *control, uint32_t tick, uint32_t ticks, reading
             return follow(control, readings, wanted);
         }
         if (control->state == STATE_BRINGUP) {
-            const duties_t as_told = {(float)control->duties.first / BOARD_DUTY_ONE,
+            const duties_t requested = {(float)control->duties.first / BOARD_DUTY_ONE,
                 (float)control->duties.second / BOARD_DUTY_ONE};
             reflexes_rest(&control->reflexes);
-            wheels_coast(&control->wheels, &readings->counts, as_told);
-            return as_told;
+            wheels_coast(&control->wheels, &readings->counts, requested);
+            return requested;
         }
         if (modes_planning(control->state)) {
             return follow(control, readings, run_plan(control, tick, ticks, readings, around));
@@ -202,9 +202,9 @@ static duties_t drive(control_t *control, uint32_t tick, uint32_t ticks, reading
 
 static void log_faults(control_t *control, uint16_t bits)
 {
-    const uint16_t now = (uint16_t)(bits & ~control->told_bits);
-    const uint16_t gone = (uint16_t)(control->told_bits & ~bits);
-    control->told_bits = bits;
+    const uint16_t now = (uint16_t)(bits & ~control->logged_bits);
+    const uint16_t gone = (uint16_t)(control->logged_bits & ~bits);
+    control->logged_bits = bits;
     if (now != 0) {
         text_t *const line = log_begin(&control->log, SP_LOG_LEVEL_WARNING);
         text_add(line, "fault: ");
@@ -265,7 +265,7 @@ motors_t control_tick(control_t *control, uint32_t tick, uint32_t ticks, int64_t
         health_around(&control->health, around, control->model.wheel_base_m,
             control->model.metres_per_count, readings->has_ultrasonic);
     }
-    if (control->health.bits != control->told_bits) {
+    if (control->health.bits != control->logged_bits) {
         log_faults(control, control->health.bits);
     }
     if (control->state != STATE_STOPPED) {

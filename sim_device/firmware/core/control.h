@@ -33,7 +33,7 @@ typedef struct {
     health_t health;
     reflexes_t reflexes;
     motor_drivers_t drivers;
-    uint16_t told_bits;
+    uint16_t logged_bits;
     board_power_t power; /* last measurement */
     model_t model;
     float battery_low_v;

@@ -16,7 +16,7 @@
 typedef struct {
     bool known;
     int64_t host_us;     /* newest stamp of the host, extended */
-    int64_t least_steps; /* smallest delay of the session, increased by the drift */
+    int64_t min_delay_steps; /* smallest delay of the session, increased by the drift */
     int64_t at_us;
 } freshness_t;
 

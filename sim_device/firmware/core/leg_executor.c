@@ -15,7 +15,7 @@
 #define LOWPASS 0.6f /* factor of the velocity smoothing, per step */
 #define REST_M_S 0.01f
 #define REST_RAD_S 0.03f
-#define SETTLE_S 0.6f /* maximum time from the stop of a leg to its end, even if not at rest */
+#define RAMP_S 0.6f /* maximum time from the stop of a leg to its end, even if not at rest */
 #define STALL_S 1.5f
 #define STALL_M 0.003f
 #define STALL_RAD 0.02f
@@ -152,7 +152,7 @@ static velocity_t stop(leg_executor_t *executor, leg_end_t reason, float dt_s)
 }
 
 /* Ramp down to zero. The leg ends at rest, when its distance and pose are final. */
-static velocity_t settle(leg_executor_t *executor, const observation_t *seen, float dt_s)
+static velocity_t ramp_down(leg_executor_t *executor, const observation_t *seen, float dt_s)
 {
     executor->stopped_s += dt_s;
     velocity_t command = send(executor, 0.0f, 0.0f, dt_s);
@@ -164,7 +164,7 @@ static velocity_t settle(leg_executor_t *executor, const observation_t *seen, fl
     }
     const bool rests =
         absolute(seen->v_m_s) < REST_M_S && absolute(seen->yaw_rate_rad_s) < REST_RAD_S;
-    if ((quiet && rests) || executor->stopped_s > SETTLE_S) {
+    if ((quiet && rests) || executor->stopped_s > RAMP_S) {
         executor->result.reason = executor->stopping;
         executor->result.distance_m = executor->along_m;
         executor->result.pose = seen->pose;
@@ -338,7 +338,7 @@ velocity_t leg_executor_step(leg_executor_t *executor, const observation_t *seen
             + (seen->pose.y_m - executor->origin.y_m) * executor->sin_heading;
     }
     if (executor->stopping != END_NONE) {
-        return settle(executor, seen, dt_s);
+        return ramp_down(executor, seen, dt_s);
     }
     if (executor->elapsed_s > executor->timeout_s) {
         return stop(executor, END_TIMEOUT, dt_s);

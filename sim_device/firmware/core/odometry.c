@@ -18,7 +18,7 @@
 #define RATE_VETO_RAD_S 0.05f
 /* Time after the last encoder count until the robot counts as at rest, us. Motion in the gearbox
  * play has then ended. */
-#define SETTLE_US 300000
+#define REST_US 300000
 /* Weight of the newest interval in the smoothed speed. It is less than 1, because one count in 20
  * ms is already 6.5 mm/s. */
 #define SPEED_SHARE 0.5f
@@ -42,7 +42,7 @@ static bool trusted(const odometry_t *odometry)
 
 static bool at_rest(const odometry_t *odometry, float rate_rad_s, int64_t now_us)
 {
-    if (odometry->turned && now_us - odometry->turned_us < SETTLE_US) {
+    if (odometry->turned && now_us - odometry->turned_us < REST_US) {
         return false;
     }
     return trusted(odometry) ? absolute(rate_rad_s - odometry->bias_rad_s) < RATE_VETO_RAD_S

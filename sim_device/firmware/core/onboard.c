@@ -6,7 +6,7 @@
 #include "period.h"
 
 /* Time at rest before the first move, us. The gyro bias is the mean of 250 samples in this time. */
-#define SETTLE_US 2500000
+#define BIAS_US 2500000
 #define DECIDE_PERIODS 2u
 /* Maximum number of consecutive legs that end in the step in which they begin. A larger number
  * means that the planner is in an endless loop. */
@@ -19,7 +19,7 @@ void onboard_start(onboard_t *plan, const model_t *model, int64_t now_us)
     const onboard_t nothing = {0};
     *plan = nothing;
     plan->state = PLAN_RESTS;
-    plan->move_us = now_us + SETTLE_US;
+    plan->move_us = now_us + BIAS_US;
     plan->ultrasonic_mm = BOARD_NO_RANGE;
     plan->model = *model;
     odometry_start(&plan->odometry, model);
@@ -135,8 +135,8 @@ static uint8_t phase(const onboard_t *plan)
         break;
     }
     const paper_at_t at = plan->paper.at;
-    const bool told_apart = at == AT_LANE || at == AT_STEP;
-    if (told_apart && plan->executor.leg.kind == LEG_TURN) {
+    const bool reports_turns = at == AT_LANE || at == AT_STEP;
+    if (reports_turns && plan->executor.leg.kind == LEG_TURN) {
         return SP_PLANNER_PHASE_TURN;
     }
     return phases[at];

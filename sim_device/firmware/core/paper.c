@@ -24,7 +24,7 @@
 /* Maximum difference between a blocked side step and its length at which the step still counts as
  * complete, m. */
 #define SHORT_STEP_M 0.015f
-#define LEAST_STEP_M 0.02f /* minimum length of a side step */
+#define MIN_STEP_M 0.02f /* minimum length of a side step */
 /* Time at rest at the end of every lane, s. The gyro bias is measured in the second half of this
  * time. */
 #define REST_S 0.6f
@@ -96,7 +96,7 @@ static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float 
         .heading_rad = heading_rad,
         .bounded = true,
         .distance_m =
-            larger(direction * (paper->line_m - offset_m(paper, pose)), LEAST_STEP_M),
+            larger(direction * (paper->line_m - offset_m(paper, pose)), MIN_STEP_M),
         .stop_range_m = STEP_STOP_RANGE_M};
     paper->at = at;
     paper->main = step;

@@ -25,20 +25,20 @@ static void fresh(range_ahead_t *ahead, float reading_m)
         ahead->range_m = reading_m;
     } else if (absolute(error_m) < GATE_M) {
         ahead->range_m += GAIN * error_m;
-    } else if (ahead->doubting && absolute(reading_m - ahead->doubt_m) < GATE_M) {
+    } else if (ahead->has_outlier && absolute(reading_m - ahead->outlier_m) < GATE_M) {
         ahead->range_m = reading_m;
     } else {
-        ahead->doubting = true;
-        ahead->doubt_m = reading_m;
+        ahead->has_outlier = true;
+        ahead->outlier_m = reading_m;
         return;
     }
-    ahead->doubting = false;
+    ahead->has_outlier = false;
 }
 
 void range_ahead_update(range_ahead_t *ahead, uint16_t reading_mm, float travel_m, float dt_s)
 {
     ahead->range_m = larger(ahead->range_m - travel_m, 0.0f);
-    ahead->doubt_m -= travel_m;
+    ahead->outlier_m -= travel_m;
     if (reading_mm == BOARD_NO_RANGE) {
         ahead->silent_s += dt_s;
         if (ahead->silent_s > DROPOUT_S) {

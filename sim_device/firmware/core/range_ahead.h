@@ -12,8 +12,8 @@ typedef struct {
     bool known; /* an obstacle is ahead */
     float range_m;
     uint16_t last_mm; /* previous reading */
-    bool doubting;
-    float doubt_m;
+    bool has_outlier;
+    float outlier_m;
     float silent_s;
 } range_ahead_t;
 

@@ -9,7 +9,7 @@
 #define REST_M_S 0.005f
 /* Minimum target speed of a wheel: a tenth of the resolution of a velocity setpoint. A smaller
  * target is a rounding error of zero. */
-#define LEAST_TARGET_M_S 1e-5f
+#define MIN_TARGET_M_S 1e-5f
 /* Maximum gap between samples that is integrated. */
 #define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
@@ -64,9 +64,9 @@ static float control(wheel_t *wheel, float target_m_s, float scale, float since_
     const float speed = wheel->speed_m_s;
     const float far = absolute(target_m_s);
     float base = ROBOT_FEED_FORWARD * target_m_s;
-    if (target_m_s > LEAST_TARGET_M_S) {
+    if (target_m_s > MIN_TARGET_M_S) {
         base += ROBOT_FRICTION;
-    } else if (target_m_s < -LEAST_TARGET_M_S) {
+    } else if (target_m_s < -MIN_TARGET_M_S) {
         base -= ROBOT_FRICTION;
     } else if (absolute(speed) < REST_M_S) {
         release_wheel(wheel);

@@ -49,13 +49,20 @@ def test_only_whole_words_in_their_order_are_retired(name: str) -> None:
     assert vocabulary.retired_in(name, WORDS) == []
 
 
+def test_names_of_c_code_without_comments_and_texts() -> None:
+    source = '/* told\n told */ int doubt; // told\nputs("told \\" told"); doubt = kept;\n'
+    assert list(vocabulary.c_names(source)) == [(2, "int"), (2, "doubt"), (3, "puts"), (3, "kept")]
+
+
 def test_a_hit_names_place_word_and_replacement(tmp_path: Path) -> None:
     for name in vocabulary.FILES:
         (tmp_path / name).write_text("")
     (tmp_path / "bridge").mkdir()
     (tmp_path / "bridge" / "told.py").write_text("\ndoubt = 1\nkept_doubt = 2\n")
+    (tmp_path / "bridge" / "state.h").write_text("typedef int told_t;\n")
     hits, unused = vocabulary.check(tmp_path, WORDS, {"kept_doubt", "old_doubt"})
     assert [str(hit) for hit in hits] == [
+        "bridge/state.h:1: told_t: 'told' is retired; use reported",
         "bridge/told.py:1: told: 'told' is retired; use reported",
         "bridge/told.py:2: doubt: 'doubt' is retired; use uncertainty",
     ]
