@@ -140,6 +140,7 @@ generated: venv ## every generated file of the repository: codec, specification,
 	@$(BIN)/python -m tools.sweepctl generate c --out sim_device/firmware/protocol --force
 	@$(BIN)/python -m tools.sweepctl generate md --out docs/protocol --force
 	@for name in $(GENERATORS); do $(BIN)/python -m tools.dev.$$name || exit; done
+	@$(BIN)/python -m tools.cli.fault_help > docs/faults.md
 	@$(BIN)/python -m tools.dev.pin_pictures --out docs/images
 	@PYTHONPATH=tests $(BIN)/python -m support.tools
 

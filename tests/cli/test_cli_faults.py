@@ -36,7 +36,7 @@ def test_the_list_explains_every_kind() -> None:
 
 
 def test_the_page_is_fresh() -> None:
-    assert faults_page() == PAGE, "run: python -m tools.cli.fault_help > docs/faults.md"
+    assert faults_page() == PAGE, "make generated"
 
 
 PAGE = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
