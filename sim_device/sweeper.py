@@ -271,15 +271,20 @@ class Sweeper(ABC, Generic[P]):
     def crash(self) -> None:
         """Cause a processor fault; the crash record survives the reset."""
         if self._modes.awake:
-            uptime_us = self.clock.uptime_us(self._next_tick_us)
-            record = CrashRecord(CRASH_PC, CRASH_LR, CRASH_CFSR, uptime_us)
-            self.reset(ResetCause.CRASH, crash=record)
+            self._reset_by_fault_handler(CRASH_CFSR)
 
     def fail_crystal(self, drift_ppm: float) -> None:
-        """Stop the crystal; the watchdog, which has its own clock, resets the chip."""
+        """Stop the crystal. The clock security system calls the fault handler, which resets."""
         self._crystal_failed = True
+        if self._modes.awake:
+            self._reset_by_fault_handler(cfsr=0)
+        else:
+            self.reset(self._identity.reset_cause)
         self.clock.drift_ppm += drift_ppm
-        self.reset(ResetCause.WATCHDOG)
+
+    def _reset_by_fault_handler(self, cfsr: int) -> None:
+        uptime_us = self.clock.uptime_us(self._next_tick_us)
+        self.reset(ResetCause.CRASH, crash=CrashRecord(CRASH_PC, CRASH_LR, cfsr, uptime_us))
 
     # ---- time -----------------------------------------------------------------------------
 

@@ -150,8 +150,8 @@ BODY_KINDS = (
     ),
     FaultKind(
         "hse-failed",
-        "The crystal stops for good. The watchdog resets the processor, which runs on from its "
-        "internal oscillator and stays off the CAN bus.",
+        "The crystal stops for good. The clock security system resets the processor, which runs on "
+        "from its internal oscillator and stays off the CAN bus.",
         "hse-failed@0:ppm=5000",
         (Number("ppm", "drift of the internal oscillator", "ppm", 5000.0, -10_000.0, 10_000.0),),
         strike="hse_failed",

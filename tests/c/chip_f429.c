@@ -24,6 +24,7 @@ void exti9_5_handler(void);
 void i2c1_event_handler(void);
 void i2c1_error_handler(void);
 void dma1_stream0_handler(void);
+void can1_rx0_handler(void);
 void can1_tx_handler(void);
 void can1_sce_handler(void);
 void flash_handler(void);
@@ -85,10 +86,14 @@ void firmware_uart_received(
     received_us = arrived_us;
 }
 
+static unsigned can_received, can_lost;
 void firmware_can_received(
     firmware_t *firmware, const sp_can_frame_t *frame, uint32_t arrived_us)
 {
+    can_received++;
 }
+
+void firmware_can_lost(firmware_t *firmware) { can_lost++; }
 
 static void map(uintptr_t address, size_t size)
 {
@@ -118,6 +123,7 @@ static void no_crystal_no_bus(void)
     CHECK(board_identity(NULL)->troubles == BOARD_TROUBLE_CLOCK);
     CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == 16u);
     CHECK(RCC->pllcfgr >> 28 == 2u);
+    CHECK((RCC->cr & RCC_CR_CSSON) == 0);
     CHECK(CAN1->btr == 0 && LINK_UART->brr != 0);
 }
 
@@ -130,6 +136,7 @@ static void the_bus_where_the_clock_is_good(void)
     CHECK((RCC->pllcfgr & (RCC_PLLCFGR_SRC_HSE | 0x3Fu)) == (RCC_PLLCFGR_SRC_HSE | BOARD_HSE_MHZ));
     CHECK(((RCC->cr & RCC_CR_HSEBYP) != 0) == BOARD_HSE_BYPASS);
     CHECK(RCC->cfgr == (RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2 | RCC_CFGR_SW_PLL));
+    CHECK((RCC->cr & RCC_CR_CSSON) != 0); /* a failing crystal resets the chip */
     CHECK((DBGMCU_APB1_FZ & DBGMCU_APB1_FZ_IWDG) != 0);
     CHECK((GPIO(PORT_A)->moder >> 24 & 3u) == 1u); /* PA12 is an output: ES0206 */
 }
@@ -720,6 +727,20 @@ static void bus_off_is_counted_and_drops_what_is_old(void)
     CHECK((CAN1->mcr & CAN_MCR_ABOM) != 0);
 }
 
+/* The controller's FIFO was full when a frame arrived, so the frame is lost. */
+static void an_overrun_of_the_fifo_is_counted(void)
+{
+    chip_begins(2048);
+    can_received = can_lost = 0;
+    CAN1->rfr[0] = 1u;
+    can1_rx0_handler();
+    CHECK(can_received == 1 && can_lost == 0);
+    CAN1->rfr[0] = 3u | CAN_RFR_FOVR;
+    can1_rx0_handler();
+    CHECK(can_received == 2 && can_lost == 1);
+    CHECK(CAN1->rfr[0] == (CAN_RFR_RFOM | CAN_RFR_FOVR)); /* releases the frame, clears the flag */
+}
+
 /* ---- encoders, serial link, sleep ------------------------------------------------------------ */
 
 /* The filter is longer than the ringing of the motor bridges' edges. It is at most a tenth of the
@@ -852,6 +873,7 @@ int main(void)
     an_end_without_a_beginning_is_no_echo();
     mailboxes_are_refilled_by_their_interrupt();
     bus_off_is_counted_and_drops_what_is_old();
+    an_overrun_of_the_fifo_is_counted();
     encoders_are_filtered();
     bytes_of_the_ring_come_in_order();
     a_stale_flag_does_not_end_a_transfer();

@@ -95,7 +95,7 @@ SUBJECTS: tuple[CampaignCase, ...] = (
     _subject("reset", "reset", "reset@8:cause=pin"),
     _subject("hang", "watchdog", "hang@8"),
     _subject("crash", "crash", "crash@8"),
-    _subject("hse-failed", "oscillator", "hse-failed@8", beside="watchdog clock_step clock_drift"),
+    _subject("hse-failed", "oscillator", "hse-failed@8", beside="crash clock_step clock_drift"),
     _subject("brown-out", "brown_out", "brown-out@8:off=0.5"),
     _subject("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
     _subject("clock-drift, five seconds", "clock_drift", "clock-drift@0:ppm=495", seconds=4.8),

@@ -32,6 +32,11 @@ void firmware_can_received(
     inbox_put_frame(&firmware->inbox, frame, arrived_us);
 }
 
+void firmware_can_lost(firmware_t *firmware)
+{
+    inbox_drop(&firmware->inbox, 1);
+}
+
 void firmware_boot(firmware_t *firmware, board_t *board)
 {
     const board_identity_t *const identity = board_identity(board);

@@ -20,8 +20,8 @@ static unsigned taken(uint16_t in, uint16_t out)
     return (uint16_t)(in - out);
 }
 
-/* Count dropped data. Only the writer changes the count; the reader may read it at any time. */
-static void drop(inbox_t *inbox, uint32_t count)
+/* Only the writer changes the count; the reader may read it at any time. */
+void inbox_drop(inbox_t *inbox, uint32_t count)
 {
     __atomic_store_n(&inbox->dropped, inbox->dropped + count, __ATOMIC_RELAXED);
 }
@@ -51,7 +51,7 @@ void inbox_put_bytes(inbox_t *inbox, const uint8_t *data, size_t length, uint32_
                                           its stamp */
     publish(&inbox->bytes_in, at);
     if (dropped != 0) {
-        drop(inbox, dropped);
+        inbox_drop(inbox, dropped);
     }
 }
 
@@ -75,7 +75,7 @@ void inbox_put_frame(inbox_t *inbox, const sp_can_frame_t *frame, uint32_t arriv
 {
     const uint16_t at = inbox->frames_in;
     if (taken(at, published(&inbox->frames_out)) == INBOX_CAN_FRAMES) {
-        drop(inbox, 1);
+        inbox_drop(inbox, 1);
         return;
     }
     inbox->frames[at % INBOX_CAN_FRAMES].frame = *frame;

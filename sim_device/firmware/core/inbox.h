@@ -35,12 +35,15 @@ typedef struct {
     uint16_t bytes_in, bytes_out;
     uint16_t stamps_in, stamps_out;
     uint16_t frames_in, frames_out;
-    uint32_t dropped; /* number of bytes and frames dropped because the queue was full */
+    uint32_t dropped; /* number of bytes and frames dropped because a queue was full */
 } inbox_t;
 
 /* Add UART bytes. Called by the interrupt. */
 void inbox_put_bytes(inbox_t *inbox, const uint8_t *data, size_t length, uint32_t arrived_us);
 void inbox_put_frame(inbox_t *inbox, const sp_can_frame_t *frame, uint32_t arrived_us);
+
+/* Count dropped bytes or frames. Called by the interrupt. */
+void inbox_drop(inbox_t *inbox, uint32_t count);
 
 /* Return the next byte; false if there is no byte. Called by the main loop. `arrived_us` is set
  * only for a zero byte. */

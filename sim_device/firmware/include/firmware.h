@@ -33,4 +33,8 @@ void firmware_uart_received(
 void firmware_can_received(
     firmware_t *firmware, const sp_can_frame_t *frame, uint32_t arrived_us);
 
+/* Count a frame that the CAN controller has lost, because its FIFO was full. From the same
+ * interrupt. */
+void firmware_can_lost(firmware_t *firmware);
+
 #endif

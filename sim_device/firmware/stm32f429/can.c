@@ -69,8 +69,12 @@ void can1_rx0_handler(void) {
         for (unsigned i = 0; i < 8u; i++) {
             frame.data[i] = (uint8_t)(words[i / 4u] >> (8u * (i % 4u)));
         }
+        const bool overrun = (CAN1->rfr[0] & CAN_RFR_FOVR) != 0;
         CAN1->rfr[0] = CAN_RFR_RFOM | CAN_RFR_FOVR;
         firmware_can_received(device, &frame, now_us);
+        if (overrun) {
+            firmware_can_lost(device); /* one or more: the controller does not count them */
+        }
     }
 }
 

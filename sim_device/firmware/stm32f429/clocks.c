@@ -51,7 +51,7 @@ bool clocks_start(void) {
                                        until the chip has left the PLL */
     (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, 0u);
     RCC->cfgr = 0;
-    RCC->cr &= ~(RCC_CR_PLLON | RCC_CR_HSEON);
+    RCC->cr &= ~(RCC_CR_PLLON | RCC_CR_CSSON | RCC_CR_HSEON);
     (void)wait_until(&RCC->cr, RCC_CR_PLLRDY | RCC_CR_HSERDY, 0u);
     RCC->cr &= ~RCC_CR_HSEBYP;
     PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.5.1 and 3.5.1: needed above 144 MHz */
@@ -75,6 +75,12 @@ bool clocks_start(void) {
     if (locked && powered) {
         RCC->cfgr |= RCC_CFGR_SW_PLL;
         (void)wait_until(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
+    }
+    if (crystal) {
+        /* 6.2.7: if the external clock fails later, the processor takes an NMI. Its vector is the fault
+         * handler, whose reset turns the motors off; the chip then starts from the internal
+         * oscillator. */
+        RCC->cr |= RCC_CR_CSSON;
     }
     TIM2->psc = TIMER_APB1_HZ / 1000000u - 1u;
     TIM2->arr = 0xFFFFFFFFu;

@@ -193,7 +193,7 @@ def test_a_factory_reset_forgets_and_takes_its_time() -> None:
         ("hang@3", ResetCause.WATCHDOG),
         ("crash@3", ResetCause.CRASH),
         ("brown-out@3:off=0.2", ResetCause.BROWN_OUT),
-        ("hse-failed@3", ResetCause.WATCHDOG),
+        ("hse-failed@3", ResetCause.CRASH),
     ],
 )
 def test_each_reset_has_its_cause(fault: str, cause: ResetCause) -> None:
