@@ -49,13 +49,16 @@ class Turn:
     flowing: bool = False
     """True: end the leg during the turn, within ``MotionTuning.flow_rad`` of the heading. The next
     leg follows immediately and steers to the heading."""
-    timeout_s: float = 15.0
-    """Time limit, s."""
+    timeout_s: float | None = None
+    """Time limit, s. None: twice the expected time plus 5 s, and at least 15 s."""
     purpose: str = "turn"
     """As for ``Drive``."""
     across_m: float = 0.0
     """Distance of the line on which an arc ends, m; positive: to the left of ``heading_rad``. The
     robot turns towards the line. 0: turn in place."""
+    ends_at_cliff: bool = False
+    """True: a cliff that the sensor first detects during a turn in place ends the leg. A wheel
+    could reach this cliff later in the turn."""
 
 
 @dataclass(frozen=True, slots=True)

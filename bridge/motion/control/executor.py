@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 _MIN_RADIUS_M = 1e-6
 """Lower bound of an arc's radius, m. It avoids a division by zero."""
+_MIN_TURN_LIMIT_S = 15.0
+"""Minimum time limit of a turn, s."""
 _MAX_STEP_S = 0.1
 """Maximum time between control steps, s. Filters and timeouts ignore the time beyond it, for
 example after a pause."""
@@ -42,8 +44,9 @@ class LegExecutor:
 
     Call ``start`` with a leg. Then call ``step`` with every observation and send the returned
     command, until ``result`` is set. A bumper switch or a cliff ends a drive or an arc immediately,
-    without a ramp. It does not end turns in place and backward legs, because they lead away from
-    the obstacle. ``WallFollower`` decides whether a switch ends wall following.
+    without a ramp. It does not end backward legs and turns in place, because they lead away from
+    the obstacle; but see ``Turn.ends_at_cliff``. ``WallFollower`` decides whether a switch ends
+    wall following.
     """
 
     def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
@@ -105,11 +108,14 @@ class LegExecutor:
         self._mark_s = 0.0
         self._mark = 0.0
         self._bumped = (False, False)
+        self._had_cliff = obs.cliff
         self._rotary.reset()
         self._point.reset()
         self._ahead.reset()
         if isinstance(leg, Turn):
-            self._timeout_s = leg.timeout_s
+            self._timeout_s = (
+                self._turn_limit_s(leg, obs) if leg.timeout_s is None else leg.timeout_s
+            )
             return
         if isinstance(leg, Dwell):
             self._timeout_s = math.inf
@@ -251,8 +257,11 @@ class LegExecutor:
             hit = self._hit(obs)
             if hit is not None:
                 return self._stop(hit, obs, dt)
+        elif leg.ends_at_cliff and obs.cliff and not self._had_cliff:
+            return self._stop(StopReason.CLIFF, obs, dt)
         elif self._rolls_into(obs):
             self._smooth_v.reset()  # a turn leads away; remaining forward motion does not
+        self._had_cliff = obs.cliff
         error = _remaining_rad(leg, obs)
         run_out = 0.5 * tune.braking.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
@@ -268,6 +277,12 @@ class LegExecutor:
         if abs(rate) < tune.min_turn_rad_s:
             rate = math.copysign(tune.min_turn_rad_s, error)
         return self._arc(leg, obs, rate, dt) if leg.across_m else self._send(0.0, rate, dt)
+
+    def _turn_limit_s(self, leg: Turn, obs: Observation) -> float:
+        """Return the time limit of a turn, s."""
+        turn_s = abs(_remaining_rad(leg, obs)) / self._flow_rad_s
+        arc_s = math.pi * abs(leg.across_m) / self._model.cruise_speed_m_s
+        return max(_MIN_TURN_LIMIT_S, 5.0 + 2.0 * (turn_s + arc_s))
 
     def _arc(self, leg: Turn, obs: Observation, rate: float, dt: float) -> VelocityCommand:
         error = _remaining_rad(leg, obs)

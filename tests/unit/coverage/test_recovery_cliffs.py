@@ -9,7 +9,7 @@ import pytest
 
 from bridge.coverage.planner import Step
 from bridge.coverage.recovery.behaviours.obstacle_following import drive, follow_obstacle
-from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
+from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter, turn
 from bridge.coverage.recovery.cliffs import SPAN_RAD, Cliffs
 from bridge.coverage.recovery.geometry import PlannerGeometry
 from bridge.coverage.recovery.map import EvidenceMap
@@ -19,7 +19,7 @@ from bridge.coverage.recovery.window import Buffers, SearchWindow
 from bridge.motion.control.braking import Braking
 from bridge.motion.control.hidden_ahead import HiddenAheadTuning
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
+from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
 from support.recovery import choose, context_at
@@ -264,6 +264,34 @@ def test_backing_off_ends_if_no_floor_is_found() -> None:
     except StopIteration:
         pass
     assert count == 5
+
+
+def test_the_robot_backs_off_from_a_cliff_that_appears_in_a_turn_and_turns_on() -> None:
+    """A corner of a pit can be between two barriers, and nearer than the wheels."""
+    context = context_at(seen(ORIGIN))
+    part = turn(context, QUARTER)
+    leg = next(part)
+    appeared = Pose2(0.0, 0.0, 0.5)
+    context.monitor.observe(seen(appeared, 1.0, cliff=True))
+    obs = context.obs
+    legs = [part.send(Step(LegResult(leg, StopReason.CLIFF, 0.0, 1.0, appeared), obs))]
+    for k, pose in enumerate((Pose2(-0.026, -0.014, 0.5), Pose2(-0.07, -0.038, 0.5))):
+        legs.append(part.send(ends_at(context, legs[-1], pose, 2.0 + k)))
+    first, second, last = legs
+    back_m_s = context.options.back_off_m_s
+    assert first == Drive(0.5, -0.03, speed_m_s=back_m_s, purpose="back-off")
+    assert second == Drive(0.5, -0.05, speed_m_s=back_m_s, purpose="back-off")
+    assert last == Turn(QUARTER, flowing=True, ends_at_cliff=True)
+    assert context.evidence_map.cliffs.poses == [appeared]
+    with pytest.raises(StopIteration):
+        part.send(ends_at(context, last, Pose2(-0.07, -0.038, QUARTER), 5.0))
+
+
+def ends_at(context: RecoveryContext, leg: Leg, pose: Pose2, time_s: float) -> Step:
+    """Return the end of the leg at a pose with floor ahead."""
+    context.monitor.observe(seen(pose, time_s))
+    reason = StopReason.DONE if isinstance(leg, Turn) else StopReason.DISTANCE
+    return Step(LegResult(leg, reason, 0.0, 1.0, pose), context.obs)
 
 
 def test_a_cliff_is_not_followed() -> None:

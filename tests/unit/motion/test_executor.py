@@ -296,6 +296,28 @@ def test_a_contact_ends_an_arc(met: str) -> None:
     assert executor.result.reason is expected
 
 
+@pytest.mark.parametrize(
+    ("ends_at_cliff", "at_start", "ends"),
+    [(True, False, True), (True, True, False), (False, False, False)],
+)
+def test_a_cliff_that_appears_during_a_turn_may_end_it(
+    *, ends_at_cliff: bool, at_start: bool, ends: bool
+) -> None:
+    """A turn that begins at a cliff leads away from it."""
+    world = world_at(2.0, 2.0)
+    executor = LegExecutor(MODEL)
+    obs = world.observe()._replace(cliff=at_start)
+    executor.start(Turn(math.pi / 2, flowing=True, ends_at_cliff=ends_at_cliff), obs)
+    for _ in range(10):
+        obs = world.step(executor.step(obs))._replace(cliff=at_start)
+    assert obs.yaw_rate_rad_s > 0.5
+    assert (executor.step(obs._replace(cliff=True)) == HALT) is ends
+    for _ in range(60):
+        obs = world.step(executor.step(obs))._replace(cliff=True)
+    assert executor.result is not None
+    assert executor.result.reason is (StopReason.CLIFF if ends else StopReason.DONE)
+
+
 @pytest.mark.parametrize("end_m_s", [0.05, 0.12])
 def test_a_drive_that_flows_hands_its_speed_on_without_a_jump(end_m_s: float) -> None:
     world = world_at(1.0, 2.0)

@@ -29,9 +29,17 @@ def _touches_only(result: LegResult, side: int) -> bool:
 def turn(
     context: RecoveryContext, heading_rad: float, min_rad: float = 0.0
 ) -> Generator[Leg, Step]:
-    """Turn in place to a heading, rad, if the turn is at least ``min_rad``."""
-    if abs(wrap_angle(heading_rad - context.pose.theta_rad)) > min_rad:
-        yield Turn(wrap_angle(heading_rad), flowing=True)
+    """Turn in place to a heading, rad, if the turn is at least ``min_rad``.
+
+    If a cliff appears during the turn, the robot backs off from it and continues the turn.
+    """
+    for _ in range(context.options.max_backs):
+        if abs(wrap_angle(heading_rad - context.pose.theta_rad)) <= min_rad:
+            return
+        step = yield Turn(wrap_angle(heading_rad), flowing=True, ends_at_cliff=True)
+        if step.result.reason is not StopReason.CLIFF:
+            return
+        yield from react(context, step.result, step.result.pose.theta_rad)
 
 
 def follow_perimeter(

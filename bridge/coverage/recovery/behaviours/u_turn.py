@@ -111,7 +111,13 @@ class UTurn:
 
 
 def _arc(heading_rad: float, across_m: float) -> Turn:
-    return Turn(wrap_angle(heading_rad), flowing=True, across_m=across_m, purpose="transit")
+    return Turn(
+        wrap_angle(heading_rad),
+        flowing=True,
+        purpose="transit",
+        across_m=across_m,
+        ends_at_cliff=True,
+    )
 
 
 def offset(pose: Pose2, lane: Pose2) -> tuple[float, float]:
