@@ -80,23 +80,18 @@ def robot_cautions(model: RobotModel) -> list[str]:
     ]
     for name, mount in model.fitted_rangers.items():
         overhang_m = mount.centre_distance_m - radius_m
-        hull_m = mount.hull_distance_m(radius_m)
+        contact_m = mount.contact_range_m(radius_m)
         if overhang_m > ROUNDING_M:
             found.append(
                 f"{name}: the sensor is {1000 * overhang_m:.0f} mm outside the footprint; "
                 f"it hits walls before the hull does"
             )
-        elif hull_m < mount.min_range_m - ROUNDING_M:
+        elif contact_m < mount.min_range_m - ROUNDING_M:
             found.append(
-                f"{name}: a wall that touches the robot is {1000 * hull_m:.0f} mm from the sensor, "
-                f"below its minimum range of {1000 * mount.min_range_m:.0f} mm; it reads wrong "
-                f"there, so mount it at least {1000 * (mount.min_range_m - hull_m):.0f} mm "
-                f"further inside"
-            )
-        elif hull_m >= mount.max_range_m:
-            found.append(
-                f"{name}: the hull is {1000 * hull_m:.0f} mm from the sensor, beyond its maximum "
-                f"range of {1000 * mount.max_range_m:.0f} mm; it detects nothing"
+                f"{name}: a wall that touches the robot is {1000 * contact_m:.0f} mm from the "
+                f"sensor, below its minimum range of {1000 * mount.min_range_m:.0f} mm; it reads "
+                f"wrong there, so mount it at least "
+                f"{1000 * (mount.min_range_m - contact_m):.0f} mm further inside"
             )
     return found
 
@@ -179,6 +174,14 @@ def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
             f"{name}.x_m, {name}.y_m: the sensor at ({mount.x_m:g}, {mount.y_m:g}) is "
             f"{out_m:.3g} m from the axle's centre, far outside the footprint, whose radius is "
             f"{radius_m:g} m",
+        )
+        contact_m = mount.contact_range_m(radius_m)
+        check(
+            contact_m < mount.max_range_m,
+            (*place, f"{name}.max_range_m", f"{name}.yaw_rad"),
+            f"{name}: a wall that touches the robot is {1000 * contact_m:.0f} mm from the sensor, "
+            f"beyond its maximum range of {1000 * mount.max_range_m:.0f} mm; mount it further "
+            f"outside, or set {name}.fitted = false",
         )
         check(
             mount.min_range_m < mount.max_range_m,

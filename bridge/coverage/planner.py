@@ -150,6 +150,12 @@ def check_leg(planner: object, leg: object) -> None:
                 f"{name}: its leg {type(leg).__name__} has {each.name} = {shortened(value)}; "
                 f"it must be {_WANTED[each.type]}"
             )
+        low = _LOWEST.get(each.name)
+        if low is not None and value is not None and not float(value) >= low:
+            raise PlannerError(
+                f"{name}: its leg {type(leg).__name__} has {each.name} = {value:g}; it must be at "
+                f"least {low:g}"
+            )
 
 
 def _is_of(value: object, wanted: object) -> bool:
@@ -176,6 +182,8 @@ _WANTED: dict[object, str] = {
     "float | None": "a finite number or None",
 }
 """Text for the expected value of a field, by the field's annotation (a string)."""
+_LOWEST = {"speed_m_s": 0.001, "gap_m": 0.0, "timeout_s": 0.0, "duration_s": 0.0, "end_m_s": 0.0}
+"""Lowest value of a field."""
 _METHODS = ("start", "next", "drain_events")
 """Methods that a :class:`Planner` must have, besides ``state``."""
 

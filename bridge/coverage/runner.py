@@ -11,6 +11,7 @@ from bridge.coverage.planner import (
     Finish,
     ObservingPlanner,
     Planner,
+    PlannerError,
     PlannerEvent,
     PlannerState,
     check_leg,
@@ -200,4 +201,10 @@ class PlanRunner:
         self._legs += 1
         if isinstance(leg, Turn):
             self._turns += 1
-        self._executor.start(leg, obs)
+        try:
+            self._executor.start(leg, obs)
+        except ValueError as error:
+            name = type(self._planner).__name__
+            raise PlannerError(
+                f"{name}: its leg {type(leg).__name__} is impossible: {error}"
+            ) from None

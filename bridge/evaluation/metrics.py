@@ -286,6 +286,8 @@ class CoverageTrack:
         if begun is None:
             return
         if ends == self._end:
+            if self._directions is not None:
+                self._close()  # a standstill is not part of the time of the piece
             self._end_pose = pose
             return
         if self._directions is not None and (

@@ -51,15 +51,14 @@ class RangerMount:
         """Distance of the sensor from the axle's centre, m."""
         return math.hypot(self.x_m, self.y_m)
 
-    def hull_distance_m(self, radius_m: float) -> float:
-        """Return the distance along the beam from the sensor to the rim, m.
+    def contact_range_m(self, radius_m: float) -> float:
+        """Return the range of a flat wall in contact that is orthogonal to the beam, m."""
+        return radius_m - self.x_m * math.cos(self.yaw_rad) - self.y_m * math.sin(self.yaw_rad)
 
-        This is the range of a wall in contact. The sensor must be mounted inside the footprint.
-        """
-        ahead_x, ahead_y = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        along = self.x_m * ahead_x + self.y_m * ahead_y
-        across = self.x_m * ahead_y - self.y_m * ahead_x
-        return math.sqrt(max(0.0, radius_m**2 - across**2)) - along
+    def stop_range_m(self, radius_m: float, gap_m: float) -> float:
+        """Return the range of such a wall with a gap to the rim, m; at least the minimum range."""
+        range_m = max(self.contact_range_m(radius_m), self.min_range_m) + gap_m
+        return round(range_m, 9)
 
 
 def _ultrasonic() -> RangerMount:

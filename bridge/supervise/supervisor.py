@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.supervise.inputs import Reaction
-from bridge.supervise.measured import GAP_S, Measured
+from bridge.supervise.measured import Measured
 from bridge.supervise.rules.bodily import Bump, Cliff, Lifted, Tilt
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
 from bridge.supervise.rules.fence import Fence
@@ -132,10 +132,7 @@ class Supervisor:
 
     def step(self, inputs: RuleInputs) -> list[Reaction]:
         """Evaluate a control step; return the reactions, most severe last."""
-        now_s = inputs.time_s
-        if now_s - self._now_s > GAP_S:
-            self._measured.restart()
-        self._now_s = now_s
+        self._now_s = now_s = inputs.time_s
         measured = self._measured
         measured.step(inputs)
         reactions: list[Reaction] = []

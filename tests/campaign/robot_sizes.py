@@ -3,7 +3,7 @@
     PYTHONPATH=tests python -m campaign.robot_sizes FOLDER
 
 Each file is the paper's robot to scale. The mouth differs, and the infrared sensors are moved so
-that they measure from the hull on; only the robot ``blind`` keeps them to scale.
+that they measure from the hull on; those of the robot ``blind`` are blind within 6 mm of it.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from bridge.config import to_toml
 from bridge.motion.robot_model import RobotModel
 
 PAPER = RobotModel()
+BLIND_M = 0.006
+"""Largest gap to a wall that the infrared sensors of the robot ``blind`` cannot measure, m."""
 INSIDE_M = 0.05
 """Distance of an infrared sensor from the hull along its beam; its minimum range is 4 cm."""
 
@@ -39,7 +41,9 @@ def robot_of_size(name: str) -> RobotModel:
     diameter_m, width_m, ahead_m = SIZES[name]
     scale = diameter_m / PAPER.robot_diameter_m
     x_m, y_m = scale * PAPER.infrared_left.x_m, scale * PAPER.infrared_left.y_m
-    if name != "blind":
+    if name == "blind":
+        y_m = 0.5 * diameter_m - PAPER.infrared_left.min_range_m + BLIND_M
+    else:
         y_m = math.sqrt((0.5 * diameter_m) ** 2 - x_m**2) - INSIDE_M
     return replace(
         PAPER,

@@ -107,7 +107,7 @@ def test_robot_check_warns_of_unsuitable_values(tmp_path: Path) -> None:
     path.write_text("[infrared_left]\ny_m = 0.14\n")
     done = sweepctl("robot", "check", str(path))
     assert done.status == 0
-    assert "warning: infrared_left: a wall that touches the robot is 12 mm" in done.err
+    assert "warning: infrared_left: a wall that touches the robot is 20 mm" in done.err
     assert "valid, 1 warning\n" in done.err
 
 
@@ -119,7 +119,7 @@ def test_robot_show_prints_and_draws(tmp_path: Path) -> None:
     assert "footprint" in done.out
     assert png.read_bytes().startswith(PNG)
     facts = json.loads(sweepctl("robot", "show", str(path), "--json").out)
-    assert facts["infrared_left"]["hull_m"] == pytest.approx(0.052, abs=1e-3)
+    assert facts["infrared_left"]["hull_m"] == pytest.approx(0.06, abs=1e-3)
     assert 0.9 < facts["hull_blind_share"] < 1.0
 
 

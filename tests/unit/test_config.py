@@ -151,6 +151,11 @@ def test_a_file_of_thousands_of_wrong_keys_is_still_reported_in_a_short_line() -
         ("[infrared_left]\ny_m = 0.26", "infrared_left.y_m"),
         ("[infrared_right]\nyaw_rad = 1.57", "infrared_right.yaw_rad"),
         ("mouth_offset_m = 0.2", "mouth_offset_m"),
+        # 0.45 − 0.1 = 350 mm
+        (
+            "robot_diameter_m = 0.9\n[infrared_right]\nmax_range_m = 0.4",
+            "infrared_left: a wall that touches the robot is 350 mm from the sensor, beyond its",
+        ),
         ("wheel_diameter_m = 0.4", "wheel_diameter_m"),
         ("battery_v = 4.0\ndriver_drop_v = 4.5", "driver_drop_v"),
     ],
@@ -165,12 +170,11 @@ def test_a_robot_that_cannot_work_is_rejected_by_name(text: str, key: str) -> No
 @pytest.mark.parametrize(
     ("text", "printed"),
     [
-        # sqrt(0.16² − 0.05²) − 0.14 = 12 mm
-        ("[infrared_left]\ny_m = 0.14", "infrared_left: a wall that touches the robot is 12 mm"),
-        # at 45° the beam leaves the hull after sqrt(0.16² − 0.0354²) − 0.1061 = 50 mm: no caution
+        # 0.16 − 0.14 = 20 mm
+        ("[infrared_left]\ny_m = 0.14", "infrared_left: a wall that touches the robot is 20 mm"),
+        # at 45° a wall in contact is at 0.16 − 0.1061 = 54 mm: no caution
         ("[infrared_left]\nyaw_rad = 0.7854", None),
         ("[ultrasonic]\nx_m = 0.15", "ultrasonic: a wall that touches the robot is 10 mm"),
-        ("robot_diameter_m = 0.9", "infrared_left: the hull is 347 mm from the sensor"),
         # the ultrasonic at 0.12 m, a radius of 0.1 m
         (
             "robot_diameter_m = 0.2\nwheel_base_m = 0.15",

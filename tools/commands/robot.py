@@ -106,7 +106,7 @@ def _facts(model: RobotModel) -> dict[str, Any]:
 
     facts: dict[str, Any] = dataclasses.asdict(model)
     for name, mount in model.rangers.items():
-        facts[name]["hull_m"] = mount.hull_distance_m(model.radius_m)
+        facts[name]["hull_m"] = mount.contact_range_m(model.radius_m)
         facts[name]["reads_hull"] = mount.min_range_m <= facts[name]["hull_m"] <= mount.max_range_m
     facts["mouth_reach_m"] = model.mouth_reach_m
     facts["metres_per_count"] = model.metres_per_count

@@ -33,12 +33,11 @@ class LaneOptions:
     ends the plan at the first blocked side step. ``last_partial_lane`` sweeps one more lane after a
     blocked side step. The plan ends if the side step at the other end of that lane is blocked too.
     ``never`` continues until ``max_lanes``."""
-    stop_range_m: float = 0.046
-    """Ultrasonic range that counts as a wall, m. The gap between rim and wall is then 6 mm, because
-    the sensor is mounted 4 cm behind the front rim."""
-    step_stop_range_m: float = 0.054
-    """Ultrasonic range that ends a side step, m. The next lane runs along that wall. So the gap
-    must allow for a heading error of 1 cm in 1.7 m."""
+    stop_gap_m: float = 0.006
+    """Gap between rim and wall at which the ultrasonic sensor ends a lane, m."""
+    step_stop_gap_m: float = 0.014
+    """Gap between rim and wall at which the ultrasonic sensor ends a side step, m. The next lane
+    runs along that wall. So the gap must allow for a heading error of 1 cm in 1.7 m."""
     back_off_m: float = 0.015
     """Distance to back off after a contact, m. The next turn then does not graze the obstacle."""
     cliff_back_off_m: float = 0.05
@@ -69,6 +68,10 @@ class LaneSweep:
     def __init__(self, model: RobotModel, options: LaneOptions, start: Pose2) -> None:
         """Begin at ``start``. New lanes are added on ``options.side`` of the first lane."""
         self._model, self._options = model, options
+        ultrasonic, radius_m = model.ultrasonic, model.radius_m
+        self.stop_range_m = ultrasonic.stop_range_m(radius_m, options.stop_gap_m)
+        """Ultrasonic range that ends a lane, m."""
+        self._step_stop_range_m = ultrasonic.stop_range_m(radius_m, options.step_stop_gap_m)
         self._origin = start
         turn = math.pi / 2 if options.side == "left" else -math.pi / 2
         self._step_heading = wrap_angle(start.theta_rad + turn)
@@ -90,7 +93,7 @@ class LaneSweep:
         yield Turn(heading_rad)
         options = self._options
         lane = yield from self._drive(
-            Drive(heading_rad, stop_range_m=options.stop_range_m, purpose="lane"),
+            Drive(heading_rad, stop_range_m=self.stop_range_m, purpose="lane"),
         )
         if options.rest_s > 0.0:
             yield Dwell(options.rest_s)
@@ -115,7 +118,7 @@ class LaneSweep:
             Drive(
                 heading_rad,
                 max(path_m, options.min_step_m),
-                stop_range_m=options.step_stop_range_m,
+                stop_range_m=self._step_stop_range_m,
                 purpose="step",
             ),
         )

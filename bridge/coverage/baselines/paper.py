@@ -207,7 +207,7 @@ class PaperPlanner(ScriptedPlanner):
         if leave.distance_m(pose) < self.options.short_step_m:
             return
         self.record.change(state="recovery-return", target=(leave.x_m, leave.y_m))
-        leg = GoTo(leave.x_m, leave.y_m, stop_range_m=self.options.stop_range_m, purpose="return")
+        leg = GoTo(leave.x_m, leave.y_m, stop_range_m=self._sweep.stop_range_m, purpose="return")
         step = yield leg
         if step.result.reason.blocked:
             self._report_blocked(step.result)

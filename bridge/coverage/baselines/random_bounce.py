@@ -31,8 +31,8 @@ class RandomOptions:
     """Maximum duration, s. The planner cannot detect that the floor is swept."""
     min_turn_rad: float = math.radians(90.0)
     """Minimum turn, rad. Turns are uniform from this angle to 180°."""
-    stop_range_m: float = 0.05
-    """Ultrasonic range that ends a drive, m."""
+    stop_gap_m: float = 0.01
+    """Gap between rim and wall at which the ultrasonic sensor ends a drive, m."""
     back_off_m: float = 0.02
     """Distance to back off after a contact, m."""
     cliff_back_off_m: float = 0.05
@@ -53,7 +53,8 @@ class RandomPlanner(ScriptedPlanner):
     ) -> None:
         """Create the planner. ``rng`` is the source of all random numbers."""
         super().__init__(model)
-        self.options = options or RandomOptions()
+        self.options = options = options or RandomOptions()
+        self._stop_range_m = model.ultrasonic.stop_range_m(model.radius_m, options.stop_gap_m)
         self._rng = rng
 
     def script(self, obs: Observation) -> Script:
@@ -67,7 +68,7 @@ class RandomPlanner(ScriptedPlanner):
             left_s = begin_s + options.max_time_s - obs.time_s
             result, obs = yield Drive(
                 heading,
-                stop_range_m=options.stop_range_m,
+                stop_range_m=self._stop_range_m,
                 timeout_s=max(left_s, 0.0) if math.isfinite(left_s) else None,
                 purpose="lane",
             )

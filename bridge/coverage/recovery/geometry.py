@@ -15,7 +15,7 @@ from bridge.motion.control.wall_follow import FollowTuning
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.options import RecoveryOptions
-    from bridge.motion.robot_model import RangerMount, RobotModel
+    from bridge.motion.robot_model import RobotModel
 
 _EXACT = 9
 """Number of decimals of rounded values: a nanometre. Products then equal the documented values."""
@@ -251,7 +251,7 @@ class PlannerGeometry:
             small_cells=round(per_cell(options.small_area * width_m**2)),
             lane_speed_m_s=_exact(lane_speed),
             perimeter_speed_m_s=perimeter_speed,
-            stop_range_m=_stop_range(model, options.stop_gap_m),
+            stop_range_m=model.ultrasonic.stop_range_m(radius_m, options.stop_gap_m),
             approach_range_m=_exact(_farthest(model) - options.approach_margin_m),
             band_m=(_exact(options.band_inner * width_m), _exact(options.band_outer * width_m)),
             band_ahead_m=(
@@ -299,9 +299,3 @@ class PlannerGeometry:
 
 def _farthest(model: RobotModel) -> float:
     return min(model.infrared_left.max_range_m, model.infrared_right.max_range_m)
-
-
-def _stop_range(model: RobotModel, gap_m: float) -> float:
-    """Return the ultrasonic range for a gap between rim and wall, at least the sensor's minimum."""
-    mount: RangerMount = model.ultrasonic
-    return _exact(max(mount.hull_distance_m(model.radius_m) + gap_m, mount.min_range_m + gap_m))

@@ -135,18 +135,20 @@ class EvidenceMap:
         turned = abs(math.remainder(pose.theta_rad - lth, math.tau))
         options = self._options
         self.swept_cells = self.geometry.swept_cells(obs.lateral_sigma_m)
-        if abs(x - lx) + abs(y - ly) > options.moved_cells or turned > options.turned_rad:
-            self.new_cells += sweep(
-                self.swept,
-                lx,
-                ly,
-                lth,
-                x,
-                y,
-                pose.theta_rad,
-                self.swept_cells,
-                self._ahead,
-            )
+        moved = abs(x - lx) + abs(y - ly)
+        if moved > options.moved_cells or turned > options.turned_rad:
+            if moved < options.jump_m * self._per_m:  # the robot has not driven a jump of the pose
+                self.new_cells += sweep(
+                    self.swept,
+                    lx,
+                    ly,
+                    lth,
+                    x,
+                    y,
+                    pose.theta_rad,
+                    self.swept_cells,
+                    self._ahead,
+                )
             self._last = (x, y, pose.theta_rad)
             bx, by = self._visited_at
             if abs(x - bx) + abs(y - by) > 0.5:  # noqa: PLR2004 - half a cell

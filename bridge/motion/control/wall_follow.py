@@ -224,7 +224,8 @@ class WallFollower:
         mount = model.infrared_left if side is Side.LEFT else model.infrared_right
         self._mount = mount
         self._radius_m = model.radius_m
-        max_gap_m = mount.max_range_m + abs(mount.y_m) - model.radius_m
+        contact_m = mount.contact_range_m(model.radius_m)
+        max_gap_m = mount.max_range_m - contact_m if mount.fitted else math.inf
         if not 0.0 <= distance_m < max_gap_m:
             raise ValueError(f"wall distance must be in [0, {max_gap_m:g}) m, not {distance_m!r}")
         speed = model.cruise_speed_m_s if speed_m_s is None else speed_m_s
@@ -233,13 +234,13 @@ class WallFollower:
         self._tune = tune = tuning or FollowTuning()
         self._speed = min(speed, model.max_speed_m_s)
         self._gap_m = distance_m if distance_m > 0.0 else -tune.press_m
-        blind_m = mount.min_range_m - mount.hull_distance_m(model.radius_m)
+        blind_m = mount.min_range_m - contact_m
         if blind_m > 0.0:
             self._gap_m = max(self._gap_m, blind_m + tune.blind_margin_m)
         self._max_rate = tune.yaw_rate_share * model.max_yaw_rate_rad_s
         self._brake = brake or BrakingTuning().of(model.max_accel_m_s2)
         self._room = ConfirmedRange(
-            model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m,
+            model.ultrasonic.contact_range_m(model.radius_m) + tune.stop_gap_m,
             held_s=tune.held_s,
             silent_s=tune.silent_s,
             leap_m=tune.leap_m,

@@ -111,8 +111,8 @@ class DisplacementCheck:
         """Path at the first evidence, m."""
         self._known: dict[int, float] = {}
         """Path at which each wall was first measured again, m, by the wall's number."""
-        self._crossed: set[bool] = set()
-        """Directions confirmed since the estimate was last confirmed: along x, along y, or both."""
+        self._confirmed_rad: float | None = None
+        """Normal of the wall that confirmed one direction since the estimate was last confirmed."""
 
     @property
     def evidence(self) -> tuple[int, float]:
@@ -177,12 +177,13 @@ class DisplacementCheck:
         if before_m - first_m < self._tuning.known_m:
             return False
         for cell, evidence in list(self._evidence.items()):
-            if abs(math.cos(evidence.across_rad - normal_rad)) > math.sqrt(0.5):
+            if _is_along(evidence.across_rad, normal_rad):
                 del self._evidence[cell]
-        self._crossed.add(abs(math.cos(normal_rad)) > math.sqrt(0.5))
-        if self._evidence or len(self._crossed) < 2:  # noqa: PLR2004 - both directions
+        if self._confirmed_rad is None:
+            self._confirmed_rad = normal_rad
+        if self._evidence or _is_along(self._confirmed_rad, normal_rad):
             return False
-        self._crossed.clear()
+        self._confirmed_rad = None
         return True
 
     def _take_hit(
@@ -253,3 +254,8 @@ def _extent(cells: Iterable[tuple[int, int]]) -> float:
     if not columns:
         return 0.0
     return _CELL_M * math.hypot(max(columns) - min(columns), max(rows) - min(rows))
+
+
+def _is_along(a_rad: float, b_rad: float) -> bool:
+    """Return whether two directions are along the same line rather than orthogonal, rad."""
+    return abs(math.cos(a_rad - b_rad)) > math.sqrt(0.5)

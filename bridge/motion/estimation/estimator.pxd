@@ -10,8 +10,8 @@ cdef class PoseEstimator:
     cdef double _left_m, _right_m
     cdef object _slipping
     cdef Standstill _standstill
-    cdef double _encoder_s, _speed, _yaw_rate, _turning_s
-    cdef bint _known
+    cdef double _encoder_s, _encoder_gap_s, _speed, _yaw_rate, _turning_s
+    cdef bint _known, _gyro_gap
     cdef BumpDetector _bumps
     cdef SlipDetector _slips
     cdef InertialBridge _bridge

@@ -27,7 +27,7 @@ from bridge.motion.estimation.disturbance import (
     SlipDetector,
 )
 from bridge.motion.estimation.ekf import BIAS, Covariance, Ekf
-from bridge.motion.estimation.odometry import encoder_delta, sinc
+from bridge.motion.estimation.odometry import ENCODER_MODULUS, encoder_delta, sinc
 from bridge.motion.estimation.standstill import BATCH, Standstill
 from bridge.motion.estimation.tuning import EstimationTuning
 from bridge.motion.geometry import Pose2, wrap_angle
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
-"""Maximum time between encoder samples, s. In a longer time a 16-bit counter may count more than
-half its range (4.3 m), which is ambiguous."""
+"""Maximum time between encoder samples, s. It is shorter for a robot whose 16-bit counters can
+count half their range in less time, because the path is then ambiguous."""
 IMU_GAP_S = 0.1
 """Maximum time between gyro samples, s. In a longer gap the wheels measure the heading."""
 _KEPT = 64
@@ -68,7 +68,11 @@ class PoseEstimator:
         self._standstill = Standstill(tuning.standstill)
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
+        half_range_m = 0.5 * ENCODER_MODULUS * min(self._left_m, self._right_m)
+        self._encoder_gap_s = min(ENCODER_GAP_S, half_range_m / model.max_speed_m_s)
         self._imu_s: float | None = None
+        self._gyro_gap = False
+        """True if the gyro has not measured the turn since the last encoder sample."""
         self._chip_c: float | None = None
         self._bumps = BumpDetector(tuning.disturbance)
         self._slips = SlipDetector(tuning.disturbance)
@@ -242,6 +246,7 @@ class PoseEstimator:
             return
         self._yaw_rate = rate
         if previous_s is None or t_s - previous_s > IMU_GAP_S:
+            self._gyro_gap = True
             return
         dt = t_s - previous_s
         self.ekf.theta_rad += rate * dt
@@ -258,7 +263,7 @@ class PoseEstimator:
             self._standstill.on_encoders(t_s, moved=False)
             return
         dt = t_s - last_s
-        if dt > ENCODER_GAP_S:
+        if dt > self._encoder_gap_s:
             self._known = False
             self._speed = 0.0
             self.ekf.heading_mark_rad = self.ekf.theta_rad
@@ -291,6 +296,8 @@ class PoseEstimator:
             if left == right == 0.0 and abs(self._speed) < _STILL_M_S:
                 self._speed = 0.0
         rotation, by_wheels = self._rotation(t_s, dt, (right - left) / self._model.wheel_base_m)
+        if self._bridge is not None and by_wheels:
+            self._end_bridge(self._bridge)  # without samples it measures no path
         if self._bridge is not None:
             travel = 0.0
             if self._bridge.has_ended(self._speed, dt):
@@ -313,14 +320,18 @@ class PoseEstimator:
         The flag is True if the wheels gave it.
         """
         mark = self.ekf.heading_mark_rad
-        by_wheels = (
+        silent = (
             self._imu_s is None or t_s - self._imu_s > IMU_GAP_S or not self._standstill.bias_known
         )
+        by_wheels = silent or self._gyro_gap
+        self._gyro_gap = False
         if by_wheels:
             now = mark + wheel_turn
             self.ekf.theta_rad = now
             self._turning_s = 0.0
-            if dt_s > 0.0:
+            if not silent:  # the next gyro sample adds the turn since the last one
+                self.ekf.theta_rad -= self._yaw_rate * (t_s - (self._imu_s or t_s))
+            elif dt_s > 0.0:
                 self._yaw_rate = wheel_turn / dt_s
         else:
             now = self.ekf.theta_rad + self._yaw_rate * (t_s - (self._imu_s or t_s))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,9 +41,10 @@ class Drive:
         v: float,
         w: float,
         *,
-        imu: bool = True,
+        lost: str = "",
         gyro: float | None = None,
     ) -> None:
+        """Drive; ``lost`` contains ``imu`` or ``encoders`` if their samples are lost."""
         for k in range(round(seconds * 100)):
             self.t += 0.01
             mid = self.theta + 0.005 * w
@@ -53,10 +55,12 @@ class Drive:
             left, right = wheel_speeds_m_s(MODEL, v, w)
             self.left += 0.01 * left
             self.right += 0.01 * right
-            if imu:
+            if "imu" not in lost:
                 seen = w if gyro is None else gyro
-                self.estimator.on_imu(self.t, seen + self.bias + self.rng.gauss(0, self.noise))
-            if k % 2:
+                self.estimator.on_imu(
+                    self.t, seen + self.bias + self.rng.gauss(0, self.noise), 0.0, 0.0
+                )
+            if k % 2 and "encoders" not in lost:
                 self.estimator.on_encoders(self.t, *self.counts())
 
     def error(self) -> tuple[float, float, float]:
@@ -140,11 +144,53 @@ def test_wheels_carry_the_heading_while_the_gyro_is_silent() -> None:
     drive = Drive()
     drive.run(2.0, 0.0, 0.0)
     drive.run(1.0, 0.2, 0.5)
-    drive.run(2.0, 0.2, 0.5, imu=False)
+    drive.run(2.0, 0.2, 0.5, lost="imu")
     assert abs(drive.error()[2]) < 0.01
     assert drive.estimator.yaw_rate_rad_s == pytest.approx(0.5, abs=0.06)
     drive.run(1.0, 0.2, 0.5)
     assert max(abs(e) for e in drive.error()) < 0.02
+
+
+@pytest.mark.parametrize("seconds", [0.08, 0.1, 0.11, 0.12, 0.13, 0.2, 0.51, 1.0])
+@pytest.mark.parametrize("lost", ["imu", "imu encoders"])
+def test_a_turn_without_telemetry_is_measured_by_the_wheels(seconds: float, lost: str) -> None:
+    """After the silence either kind of sample may be the first."""
+    drive = Drive()
+    drive.run(3.0, 0.0, 0.0)
+    for _ in range(3):
+        drive.run(0.5, 0.1, 1.0)
+        drive.run(seconds, 0.1, 1.0, lost=lost)
+    drive.run(0.5, 0.1, 1.0)
+    x_m, y_m, turn_rad = drive.error()
+    assert abs(turn_rad) < math.radians(0.5)
+    assert math.hypot(x_m, y_m) < 0.004
+    assert drive.estimator.disturbances == ()
+
+
+def test_a_bump_before_the_gyro_falls_silent_does_not_hold_the_position() -> None:
+    """Without samples the accelerometer measures no path."""
+    drive = Drive()
+    drive.run(3.0, 0.0, 0.0)
+    drive.run(1.0, 0.2, 0.0)
+    for _ in range(2):
+        drive.t += 0.01
+        drive.estimator.on_imu(drive.t, 0.0, -12.0, 0.0)
+    before = drive.estimator.bridging
+    drive.run(3.0, 0.2, 0.0, lost="imu")
+    assert (before, drive.estimator.bridging) == (True, False)
+    assert drive.error()[0] == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize(("counts_per_turn", "gap_s"), [(1560, 10.0), (8400, 2.66)])
+def test_the_path_is_unknown_after_half_a_counter_at_top_speed(
+    counts_per_turn: int, gap_s: float
+) -> None:
+    model = replace(MODEL, counts_per_turn=counts_per_turn)
+    for after_s, known in ((gap_s - 0.02, True), (gap_s + 0.02, False)):
+        estimator = PoseEstimator(model, ORIGIN)
+        estimator.on_encoders(0.0, 0, 0)
+        estimator.on_encoders(after_s, 100, 100)
+        assert estimator.known is known
 
 
 def test_encoder_gap_makes_odometry_unknown_until_reset() -> None:

@@ -510,14 +510,31 @@ def test_settings_without_meaning_are_rejected(distance_m: float, speed: float) 
         WallFollower(MODEL, Side.LEFT, distance_m, speed_m_s=speed)
 
 
+def test_an_infrared_ahead_of_the_axle_reads_a_wall_in_contact_as_beside_it() -> None:
+    """The wall touches the robot beside the axle, and not where the beam leaves the hull."""
+    mount = replace(MODEL.infrared_left, x_m=0.11)
+    assert mount.contact_range_m(RADIUS_M) == pytest.approx(0.06)
+    model = replace(MODEL, infrared_left=mount)
+    run = follow((1.0, 6.0 - RADIUS_M - 0.03, 0.0), Side.LEFT, 0.0005, 15.0, model=model)
+    assert max(run.gaps[len(run.gaps) // 2 :]) < 0.004
+
+
+def test_a_wall_beyond_the_sensor_is_followed_by_contact_if_it_is_not_fitted() -> None:
+    mounts = {
+        name: replace(getattr(MODEL, name), fitted=False)
+        for name in ("infrared_left", "infrared_right")
+    }
+    WallFollower(replace(MODEL, robot_diameter_m=0.9, **mounts), Side.LEFT, 0.0005)
+
+
 def test_an_infrared_blind_at_the_hull_keeps_the_gap_that_it_can_measure() -> None:
     """Below the minimum range the reading is constant: at a smaller gap the robot would press."""
     mounts = {
-        name: replace(getattr(MODEL, name), min_range_m=0.060)
+        name: replace(getattr(MODEL, name), min_range_m=0.068)
         for name in ("infrared_left", "infrared_right")
     }
     model = replace(MODEL, **mounts)
-    blind_m = 0.060 - model.infrared_left.hull_distance_m(RADIUS_M)
+    blind_m = 0.068 - model.infrared_left.contact_range_m(RADIUS_M)
     start = (1.0, 6.0 - RADIUS_M - 0.03, 0.0)
     run = follow(start, Side.LEFT, 0.0005, 15.0, model=model)
     settled = run.gaps[len(run.gaps) // 2 :]

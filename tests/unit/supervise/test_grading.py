@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, make_dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -464,3 +465,23 @@ def test_the_failure_of_a_plug_in_is_reported_once() -> None:
     assert reaction.kind == "touched"
     assert "both switches" in reaction.text
     assert reaction.data == {}
+
+
+def test_a_gap_does_not_forget_how_far_the_robot_drove_on_at_a_cliff() -> None:
+    rule = {"reaction": "report", "after_s": 0.0, "then": "stop", "then_s": 60.0}
+    run = Run(cliff={**rule, "ahead_m": 0.05})
+    counts = itertools.count(step=round(0.004 / MODEL.metres_per_count))
+
+    def drive(seconds: float, contacts: int) -> list[Level]:
+        return [
+            level
+            for _ in range(round(seconds / STEP_S))
+            for level in run.go(
+                STEP_S, encoders=Encoders(*[next(counts)] * 2), range=reading(contacts=contacts)
+            )
+        ]
+
+    drive(2.0, 0)
+    assert drive(0.1, int(Contact.CLIFF)) == [Level.REPORT]
+    run.time_s += 0.4
+    assert Level.STOP in drive(0.6, int(Contact.CLIFF))
