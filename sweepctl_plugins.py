@@ -85,7 +85,7 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 - any object of the package
     """
     try:
         return _loaded(plugin.entry)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PluginError(f"{plugin} cannot be loaded: {_shown(error)}") from error
 
 

@@ -48,6 +48,9 @@ _KEYS: dict[str, type] = {
     "target": str,
     "firmware": str,
 }
+_ALSO: dict[str, tuple[type, ...]] = {"room": (Path,), "faults": (tuple,), "firmware": (Path,)}
+"""Other types of a value."""
+_CHOICES = {"link": LINKS, "target": TARGETS}
 _LIMITS = {"seed": range(1 << 63), "node": range(1, 16)}
 _OURS = (
     "protocol.uart.framing",
@@ -184,40 +187,37 @@ def _settings(request: pytest.FixtureRequest) -> SweeperSettings:
     _check_names()
     from tools.virtual.settings import SweeperSettings
 
-    values = _marked(request)
-    if not isinstance(values.setdefault(_RECORD, False), bool):
-        text = f"@pytest.mark.{MARKER}: {_RECORD}={values[_RECORD]!r} is neither True nor False"
-        pytest.fail(text, pytrace=False)
-    del values[_RECORD]
-    for name, value in values.items():
-        kind = _KEYS.get(name)
-        if kind is None:
-            known = ", ".join((*_KEYS, _RECORD))
-            pytest.fail(f"@pytest.mark.{MARKER}: no {name!r}; there are {known}", pytrace=False)
-        other = {"room": Path, "faults": tuple, "firmware": Path}.get(name, kind)
-        if not isinstance(value, kind | other) or isinstance(value, bool):
-            text = f"@pytest.mark.{MARKER}: {name}={value!r} is not {kind.__name__}"
-            pytest.fail(text, pytrace=False)
-        if name in _LIMITS and value not in _LIMITS[name]:
-            low, high = _LIMITS[name][0], _LIMITS[name][-1]
-            text = f"@pytest.mark.{MARKER}: {name}={value} is not in {low} to {high}"
-            pytest.fail(text, pytrace=False)
-    faults = values.get("faults", [])
-    if not all(isinstance(fault, str) for fault in faults):
-        pytest.fail(f"@pytest.mark.{MARKER}: faults={faults!r} is no list of str", pytrace=False)
-    if values.get("link", "pty") not in LINKS:
-        text = f"@pytest.mark.{MARKER}: link {values['link']!r} is not one of {', '.join(LINKS)}"
-        pytest.fail(text, pytrace=False)
-    if values.get("target", "python") not in TARGETS:
-        text = (
-            f"@pytest.mark.{MARKER}: target {values['target']!r} is not one of {', '.join(TARGETS)}"
-        )
-        pytest.fail(text, pytrace=False)
+    values = {name: value for name, value in _marked(request).items() if value is not None}
+    for problem in _problems(values):
+        pytest.fail(f"@pytest.mark.{MARKER}: {problem}", pytrace=False)
+    values.pop(_RECORD, None)
     if "firmware" in values:
         values["firmware"] = str(values["firmware"])
     values["room"] = str(values.get("room", "case-1"))
     values["faults"] = tuple(values.get("faults", ()))
-    return SweeperSettings(**values)
+    try:
+        return SweeperSettings(**values)
+    except ValueError as error:
+        pytest.fail(f"@pytest.mark.{MARKER}: {error}", pytrace=False)
+
+
+def _problems(values: dict[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with the values of the markers."""
+    for name, value in values.items():
+        kind = bool if name == _RECORD else _KEYS.get(name)
+        if kind is None:
+            yield f"no {name!r}; there are {', '.join((*_KEYS, _RECORD))}"
+        elif kind is bool:
+            if not isinstance(value, bool):
+                yield f"{_RECORD}={value!r} is neither True nor False"
+        elif not isinstance(value, (kind, *_ALSO.get(name, ()))) or isinstance(value, bool):
+            yield f"{name}={value!r} is not {kind.__name__}"
+        elif name in _LIMITS and value not in _LIMITS[name]:
+            yield f"{name}={value} is not in {_LIMITS[name][0]} to {_LIMITS[name][-1]}"
+        elif name in _CHOICES and value not in _CHOICES[name]:
+            yield f"{name} {value!r} is not one of {', '.join(_CHOICES[name])}"
+        elif isinstance(value, list | tuple) and not all(isinstance(v, str) for v in value):
+            yield f"faults={value!r} is no list of str"
 
 
 # ---- in the project's own tree ----------------------------------------------------------

@@ -63,7 +63,12 @@ def examine_port(  # noqa: PLR0913 - options of a live
 
 
 def find_baud(
-    name: str, rates: Iterable[int] = RATES, *, on_rate: Callable[[int], None] = lambda _: None
+    name: str,
+    rates: Iterable[int] = RATES,
+    *,
+    dtr: bool = False,
+    rts: bool = False,
+    on_rate: Callable[[int], None] = lambda _: None,
 ) -> int | None:
     """Listen at each baud rate. Return the first rate with an intact frame, or None.
 
@@ -76,7 +81,7 @@ def find_baud(
     for baud in rates:
         on_rate(baud)
         try:
-            port = open_port(name, baud=baud)
+            port = open_port(name, baud=baud, dtr=dtr, rts=rts)
         except ValueError:  # the driver does not support this rate
             continue
         frames = _Frames()

@@ -30,7 +30,7 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 LISTEN_S = 1.5
 """Time to listen, s. A device without a host sends a hello every second."""
@@ -131,16 +131,23 @@ def _can() -> list[str]:
 
 
 def probe(
-    found: Sequence[Candidate], *, active: bool = False, baud: int = DEFAULT_BAUD
+    found: Sequence[Candidate],
+    *,
+    active: bool = False,
+    baud: int = DEFAULT_BAUD,
+    own_baud: Mapping[str, int] | None = None,
 ) -> list[Candidate]:
     """Listen for a device's hello on all ports at the same time.
 
     With ``active`` the probe also requests a hello. Ports in use by another process are skipped.
+    ``own_baud`` contains the baud rates of the ports that do not have the rate ``baud``.
     """
     results = list(found)
+    rates = own_baud or {}
 
     def one(index: int) -> None:
-        results[index] = _probe(found[index], active=active, baud=baud)
+        rate = rates.get(found[index].port, baud)
+        results[index] = _probe(found[index], active=active, baud=rate)
 
     threads = [threading.Thread(target=one, args=(i,), daemon=True) for i in range(len(found))]
     for thread in threads:

@@ -12,7 +12,8 @@ from protocol.messages.host import TimeRequest
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 
 if TYPE_CHECKING:
-    from protocol.schema.message import Message
+    from protocol.can.frames import Part
+    from protocol.schema.message import Message, MessageSpec
 
 BITRATE = 500_000
 PING_HZ = 10.0
@@ -38,16 +39,7 @@ def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
 
     Velocity and duty setpoints are both counted, although a host sends only one kind at a time.
     """
-    found = []
-    for spec in catalogue:
-        if not is_native(spec):
-            continue
-        sizes = []
-        for part in parts_of(spec, len(spec.fields)):
-            stamp = T32 if part.full_stamp else T16
-            length = stamp.size + sum(end - start for start, end in part.spans)
-            sizes.append((1e6 / part.slow_us if part.slow_us else spec.default_hz, length))
-        found.append(_load(spec.name, sizes))
+    found = periodic_loads(catalogue)
     rare: tuple[tuple[Message, float], ...] = (
         (TimeRequest(0), PING_HZ),
         (TimeReply(0, 0), PING_HZ),
@@ -66,6 +58,30 @@ def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
     return found
 
 
+def periodic_loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
+    """Return the load of each stream at its default rate."""
+    return [
+        _load(spec.name, [(part_hz(spec, part), part_size(part)) for part in all_parts(spec)])
+        for spec in catalogue
+        if is_native(spec)
+    ]
+
+
+def all_parts(spec: MessageSpec) -> tuple[Part, ...]:
+    """Return the frames that carry all fields of a periodic message."""
+    return parts_of(spec, len(spec.fields))
+
+
+def part_hz(spec: MessageSpec, part: Part) -> float:
+    """Return the default rate of a part's frames, Hz."""
+    return 1e6 / part.slow_us if part.slow_us else spec.default_hz
+
+
+def part_size(part: Part) -> int:
+    """Return the payload of a part's frame with its stamp, bytes."""
+    return (T32 if part.full_stamp else T16).size + sum(end - start for start, end in part.spans)
+
+
 def _load(name: str, frames: list[tuple[float, int]]) -> Load:
     return Load(
         name,
@@ -73,21 +89,3 @@ def _load(name: str, frames: list[tuple[float, int]]) -> Load:
         sum(rate_hz * nominal_bits(length) for rate_hz, length in frames),
         sum(rate_hz * worst_frame_bits(length) for rate_hz, length in frames),
     )
-
-
-def report(bitrate: int = BITRATE, catalogue: Catalogue = CATALOGUE) -> list[str]:
-    """Return the lines of a readable table; the last line is the sum."""
-    rows = loads(catalogue)
-    rows.append(
-        Load(
-            "all",
-            sum(r.frames_per_s for r in rows),
-            sum(r.bits_per_s for r in rows),
-            sum(r.worst_bits_per_s for r in rows),
-        )
-    )
-    return [
-        f"{r.name:18} {r.frames_per_s:7.1f} frames/s {r.bits_per_s:9.0f} bit/s "
-        f"{r.bits_per_s / bitrate:6.2%}  worst {r.worst_bits_per_s / bitrate:6.2%}"
-        for r in rows
-    ]

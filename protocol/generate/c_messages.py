@@ -32,17 +32,13 @@ _WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
 
 def enums(catalogue: Catalogue) -> str:
     """Return one C enum for each enumeration that a field uses, sorted by name."""
-    found: dict[str, type[IntEnum]] = {}
-    for spec in catalogue:
-        for field in spec.fields:
-            if field.enum is not None:
-                found.setdefault(snake(field.enum.__name__), field.enum)
-    return "\n".join(_enum(name, found[name]) for name in sorted(found))
+    found = sorted((snake(spec.name), spec.enum) for spec in catalogue.enums.values())
+    return "\n".join(_enum(name, enum) for name, enum in found)
 
 
 def _enum(name: str, enum: type[IntEnum]) -> str:
     members = [f"    SP_{name.upper()}_{m.name} = {m.value}" for m in enum]
-    doc = (enum.__doc__ or name).splitlines()[0]
+    doc = ((enum.__doc__ or "").strip() or name).splitlines()[0]
     return lines([comment(doc), "enum {", ",\n".join(members), "};"])
 
 

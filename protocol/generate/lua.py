@@ -34,8 +34,7 @@ _KINDS = {"text": "text", "uid96": "bytes"}
 
 def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
     """Return the dissector's text by its file name."""
-    fields = [f for s in catalogue for f in s.fields]
-    values = {f.enum.__name__: f.enum for f in fields if f.enum and f.unit == "enum"}
+    enums = [spec for spec in catalogue.enums.values() if spec.unit == "enum"]
     text = fill(
         FILE,
         version=PROTOCOL_VERSION,
@@ -49,7 +48,7 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
         can_auth_size=CAN_TRAILER.size,
         open_s=OPEN_US / 1e6,
         duplicate_s=DUPLICATE_US / 1e6,
-        values="\n".join(f"  {n} = {_value_names(enum)}," for n, enum in sorted(values.items())),
+        values="\n".join(f"  {spec.name} = {_value_names(spec.enum)}," for spec in enums),
         catalogue="\n".join(line for spec in catalogue for line in _message(spec)),
         can_frames="\n".join(
             line for spec in catalogue if is_native(spec) for line in _can_frames(spec)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import is_native, nominal_bits, parts_of, worst_bits
-from protocol.can.load import BITRATE
+from protocol.can.frames import is_native
+from protocol.can.load import BITRATE, all_parts, part_hz, periodic_loads
 from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
@@ -21,21 +21,19 @@ def can_tables(catalogue: Catalogue) -> Iterator[str]:
     """Yield the layout of every periodic frame, and the bus load."""
     yield "| identifier, node 1 | message | bytes | period |"
     yield "|---|---|---|---|"
-    bits = worst = 0.0
     for spec in catalogue:
         if not is_native(spec):
             continue
-        for part in parts_of(spec, len(spec.fields)):
-            cells = _layout(spec, part)
-            length = sum(size for _, size in cells)
-            hz = 1e6 / part.slow_us if part.slow_us else spec.default_hz
-            if spec.name != "wheel_duty":  # sent only in bring-up, instead of velocity setpoints
-                bits += hz * nominal_bits(length)
-                worst += hz * worst_bits(length)
-            text = ", ".join(f"{size} `{field}`" for field, size in cells)
+        for part in all_parts(spec):
+            text = ", ".join(f"{size} `{field}`" for field, size in _layout(spec, part))
             name = f"`{spec.name}`" + ("" if spec.direction is Direction.DEVICE else " (host)")
-            yield f"| 0x{part.can_type << 4 | 1:03x} | {name} | {text} | {_every(hz)} |"
+            every = _every(part_hz(spec, part))
+            yield f"| 0x{part.can_type << 4 | 1:03x} | {name} | {text} | {every} |"
     yield ""
+    # Duty setpoints are sent only in bring-up, instead of velocity setpoints.
+    rows = [row for row in periodic_loads(catalogue) if row.name != "wheel_duty"]
+    bits = sum(row.bits_per_s for row in rows)
+    worst = sum(row.worst_bits_per_s for row in rows)
     yield (
         f"At these rates the periodic frames, including setpoints, need {bits / 1000:.1f} kbit/s "
         f"without stuff bits and at most {worst / 1000:.1f} kbit/s with stuff bits. This is "

@@ -102,9 +102,8 @@ def _meaning(field: Field) -> str:
 
 def enum_tables(catalogue: Catalogue) -> Iterator[str]:
     """Yield the values of all enumerations."""
-    enums = {f.enum.__name__: (f.enum, f.unit) for s in catalogue for f in s.fields if f.enum}
     yield "## Enumerations\n"
-    for name, (enum, unit) in sorted(enums.items()):
+    for name, enum, unit, *_ in catalogue.enums.values():
         users = ", ".join(
             f"`{s.name}.{f.name}`" for s in catalogue for f in s.fields if f.enum is enum
         )

@@ -44,7 +44,7 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
 
 
 def _message(spec: MessageSpec) -> Iterator[str]:
-    yield f"// {spec.doc}".replace("``", "`")
+    yield from (f"// {line}".rstrip() for line in spec.doc.replace("``", "`").splitlines())
     if spec.direction is Direction.DEVICE:
         yield f"// From the device, type 0x{spec.type_id:02x}, topic /device/{spec.name}."
     else:
@@ -72,7 +72,8 @@ def _comment(field: Field) -> Iterator[str]:
         unit = f"{field.scale} {field.unit} a step"
         if field.offset:
             unit += f", {float(field.offset):g} {field.unit} at 0"
-    yield f"  // {field.doc[:1].upper()}{field.doc[1:]} ({unit})."
+    doc = " ".join(field.doc.split())
+    yield f"  // {doc[:1].upper()}{doc[1:]} ({unit})."
     if field.enum is not None:
         names = ", ".join(f"{int(v)} {v.name.lower()}" for v in field.enum)
         yield f"  // {names}."

@@ -22,6 +22,9 @@ class EnumSpec(NamedTuple):
     """An enumeration that messages use, with its schema hashes."""
 
     name: str
+    enum: type[IntEnum]
+    unit: str
+    """``enum``: a value is one member; ``bits``: a value is a set of members."""
     members: tuple[str, ...]
     chain: tuple[int, ...]
     """Hash chain. The first hash identifies the enumeration; each further hash includes one more
@@ -33,11 +36,11 @@ class EnumSpec(NamedTuple):
         return self.chain[0]
 
 
-def enumerate_names(enum: type[IntEnum], unit: str) -> EnumSpec:
-    """Return the specification of an enumeration of values (``enum``) or ``bits``."""
+def _specify_enum(enum: type[IntEnum], unit: str) -> EnumSpec:
     members = [(m.name or "").lower() for m in enum]
     values = (f"{name}={int(m)}" for name, m in zip(members, enum, strict=True))
-    return EnumSpec(enum.__name__, tuple(members), _chain([f"{enum.__name__}|{unit}", *values]))
+    chain = _chain([f"{enum.__name__}|{unit}", *values])
+    return EnumSpec(enum.__name__, enum, unit, tuple(members), chain)
 
 
 class Catalogue:
@@ -54,7 +57,7 @@ class Catalogue:
             s.type_id: _chain(s.canonical()) for s in self.specs
         }
         named = {f.enum.__name__: (f.enum, f.unit) for s in self.specs for f in s.fields if f.enum}
-        enums = [enumerate_names(*named[name]) for name in sorted(named)]
+        enums = [_specify_enum(*named[name]) for name in sorted(named)]
         self.enums: dict[int, EnumSpec] = {e.key: e for e in enums}
         """Enumerations by their key, in the order of their names."""
         self.hash: int = zlib.crc32("".join(f"{line}\n" for line in self._whole()).encode())

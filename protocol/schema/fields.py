@@ -1,6 +1,6 @@
 """Wire types and field declarations for the catalogue.
 
-A message is a ``NamedTuple``, and the annotation of each item contains a :class:`Field`. A message
+A message is a class whose annotations each contain a :class:`Field`. A message
 stores the raw integers of the payload, so decoding is fast and logs are exact. :func:`si` and
 :func:`si_or_none` add properties with the values in SI units.
 """

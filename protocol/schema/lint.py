@@ -23,6 +23,20 @@ MAX_PAYLOAD = 241
 """Maximum payload, bytes: a decoded frame of 253 B minus header and CRC. It repeats
 ``framing.MAX_PAYLOAD``, because ``framing`` imports the catalogue, which imports this module."""
 
+RESERVED_FIELDS = frozenset(
+    {"bound_ns", "frame_flags", "log_time", "node", "offset", "publish_time", "seq", "sequence"}
+    | {"t_us", "type_id"}
+)
+"""Columns that a decoded capture, a log or an exported table adds to the fields of a message."""
+RESERVED_MESSAGES = frozenset(
+    # of the generated C code
+    {"can_frame", "can_joined", "can_message", "can_receiver", "can_sender", "can_transfer"}
+    | {"direction", "event", "frame", "parser", "sender"}
+    # other schemas of a log
+    | {"clock_sync", "command", "plan_state", "pose_estimate", "raw_bytes", "raw_can"}
+)
+"""Names that a message may not have, because generated code or a log already uses them."""
+
 
 def findings(specs: Iterable[MessageSpec]) -> list[str]:
     """Return the errors in the declarations, one line per error."""
@@ -33,6 +47,10 @@ def findings(specs: Iterable[MessageSpec]) -> list[str]:
         ("name", Counter(s.name for s in specs)),
     ):
         found += [f"{what} {key} is declared {n} times" for key, n in counts.items() if n > 1]
+    enums = {(f.enum.__name__, f.enum) for s in specs for f in s.fields if f.enum is not None}
+    for name, count in Counter(name for name, _ in enums).items():
+        if count > 1:
+            found.append(f"enumeration {name} is declared {count} times")
     own = {s.type_id for s in specs}
     parts = Counter(
         p.can_type for s in {s.type_id: s for s in specs}.values() for p in s.can_parts[1:]
@@ -56,6 +74,7 @@ def _message(spec: MessageSpec) -> Iterator[str]:
         yield f"type {spec.type_id:#x} is out of range"
     if not spec.doc:
         yield "has no description"
+    yield from _names(spec)
     if spec.to_all and spec.direction is Direction.DEVICE:
         yield "a device's message has the node of its device, never all"
     if spec.layout.size > MAX_PAYLOAD:
@@ -64,6 +83,18 @@ def _message(spec: MessageSpec) -> Iterator[str]:
         yield from _stream(spec)
     elif spec.rate is RateClass.COMMAND and [f.name for f in spec.fields[:1]] != ["command_id"]:
         yield "a command starts with its command_id"
+
+
+def _names(spec: MessageSpec) -> Iterator[str]:
+    if spec.name in RESERVED_MESSAGES:
+        yield "the name is reserved"
+    names = [field.name for field in spec.fields]
+    names += [f"{f.name}{f.si_suffix}" for f in spec.fields if f.si_suffix is not None]
+    for name, count in Counter(names).items():
+        if name in RESERVED_FIELDS:
+            yield f"the field name {name} is reserved"
+        if count > 1:
+            yield f"two values have the name {name}"
 
 
 def _stream(spec: MessageSpec) -> Iterator[str]:

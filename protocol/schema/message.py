@@ -7,6 +7,7 @@ frozen dataclass.
 
 from __future__ import annotations
 
+import inspect
 import re
 import struct
 from collections import namedtuple
@@ -263,7 +264,7 @@ def specify(cls: type[Message]) -> MessageSpec:
         declaration.needs_tag,
         declaration.can_parts,
         declaration.full_stamp,
-        (cls.__doc__ or "").strip(),
+        inspect.cleandoc(cls.__doc__ or ""),
         fields,
         struct.Struct("<" + "".join(f.wire.code for f in fields)),
         fields[-1] if fields and fields[-1].wire.is_text else None,

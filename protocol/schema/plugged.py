@@ -14,6 +14,7 @@ from protocol.schema.message import MAKERS_TYPES, Direction, Message, specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from enum import IntEnum
 
     from protocol.schema.message import MessageSpec
     from sweepctl_plugins import Plugin
@@ -25,7 +26,7 @@ def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
     An invalid message is omitted with a warning that names its package. If two packages use the
     same type or name, both messages are omitted, because a received frame would be ambiguous.
     """
-    taken = {specify(message).name for message in own}
+    ours = [specify(message) for message in own]
     sound: list[tuple[Plugin, MessageSpec]] = []
     for plugin, message in sweepctl_plugins.usable("messages"):
         try:
@@ -33,7 +34,7 @@ def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
         except (AttributeError, TypeError) as error:
             sweepctl_plugins.disable(f"{plugin} is no message: {error}")
             continue
-        wrong = _wrong(spec, taken)
+        wrong = _wrong(spec, ours)
         if wrong:
             sweepctl_plugins.disable(f"{plugin}: {'; '.join(wrong)}")
         else:
@@ -41,8 +42,8 @@ def plugged_messages(own: Iterable[type[Message]]) -> tuple[type[Message], ...]:
     return tuple(spec.cls for _, spec in sound if not _clashes(spec, sound))
 
 
-def _wrong(spec: MessageSpec, taken: set[str]) -> list[str]:
-    """Return the reasons why a message cannot be added to the catalogue."""
+def _wrong(spec: MessageSpec, ours: list[MessageSpec]) -> list[str]:
+    """Return the reasons why a message cannot be added to the project's messages."""
     found = findings([spec])
     low, high = MAKERS_TYPES[0], MAKERS_TYPES[-1]
     found += [
@@ -54,9 +55,20 @@ def _wrong(spec: MessageSpec, taken: set[str]) -> list[str]:
         found.append("a plug-in may add messages of devices only, none that the host sends")
     if spec.bootstrap or spec.to_all:
         found.append("it may be neither bootstrap nor to_all")
-    if spec.name in taken:
+    if spec.name in {own.name for own in ours}:
         found.append(f"the name {spec.name!r} is taken")
+    taken = _enums(ours)
+    found += [
+        f"the enumeration name {name!r} is taken"
+        for name, enum in _enums([spec]).items()
+        if taken.get(name, enum) is not enum
+    ]
     return found
+
+
+def _enums(specs: Iterable[MessageSpec]) -> dict[str, type[IntEnum]]:
+    """Return the enumerations that messages use, by name."""
+    return {f.enum.__name__: f.enum for s in specs for f in s.fields if f.enum is not None}
 
 
 def _types(spec: MessageSpec) -> list[int]:
@@ -65,9 +77,12 @@ def _types(spec: MessageSpec) -> list[int]:
 
 
 def _clashes(spec: MessageSpec, sound: list[tuple[Plugin, MessageSpec]]) -> bool:
-    """Return whether another plug-in uses the same type or name, and report the conflict."""
+    """Return whether another plug-in claims the same type or name, and report the conflict."""
     claims = [(f"type {t:#x}", [str(p) for p, s in sound if t in _types(s)]) for t in _types(spec)]
     claims.append((f"name {spec.name!r}", [str(p) for p, s in sound if s.name == spec.name]))
+    for name, enum in _enums([spec]).items():
+        users = [str(p) for p, s in sound if s is spec or _enums([s]).get(name, enum) is not enum]
+        claims.append((f"enumeration name {name!r}", users))
     for what, plugins in claims:
         if len(plugins) > 1:
             sweepctl_plugins.disable(

@@ -24,6 +24,8 @@ INTACT = 255
 OFFSET_SIZE = 8
 """Number of bytes before the content in each row. They contain the frame's offset in the capture as
 a little-endian 64-bit integer."""
+_RESIDUE = zlib.crc32(bytes(4))
+"""CRC of any bytes that are followed by their own CRC."""
 _FEW = 256
 """Number of rows below which one zlib call per frame is faster than one numpy call per byte
 column."""
@@ -125,10 +127,8 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
     if count < _FEW:
         rows = np.ascontiguousarray(body).view(f"V{size}").ravel().tolist()
         checks = np.fromiter(map(zlib.crc32, rows), np.uint32, count)
-        residue: NDArray[np.bool_] = checks == np.uint32(
-            zlib.crc32(bytes(4) and zlib.crc32(b"").to_bytes(4))
-        )
-        return residue
+        right: NDArray[np.bool_] = checks == np.uint32(_RESIDUE)
+        return right
     # A CRC is affine: it is the XOR of an effect of each byte, which depends on the byte's value
     # and its distance from the end.
     content = size - CRC.size

@@ -26,6 +26,22 @@ class {name}(Message):
     "A reading."
     level: Annotated[int, number(U16, "count", "of something")]
 """
+MESSAGE_WITH_ENUM = '''
+from enum import IntEnum
+from typing import Annotated
+from protocol.schema.fields import U8, number
+from protocol.schema.message import Direction, Message, RateClass, message
+
+class {enum}(IntEnum):
+    """Levels."""
+    THIN = 0
+    THICK = 1
+
+@message(0x51, Direction.DEVICE, RateClass.STREAM, default_hz=2)
+class Fog(Message):
+    """Fog."""
+    {field}: Annotated[int, number(U8, "enum", "how dense", enum={enum})]
+'''
 PLANNER = """
 from bridge.coverage.planner import Finish, PlannerState
 from bridge.motion.legs import Drive
@@ -178,6 +194,60 @@ def test_a_message_that_cannot_join_is_disabled_by_name(
     done = sweepctl_with(site, "generate", "md", "--out", "made")
     assert done.status == 0
     assert f"message 'fog' of package fog 1.0: {printed}; it is disabled" in done.err
+
+
+@pytest.mark.parametrize(
+    ("source", "printed"),
+    [
+        (
+            MESSAGE_WITH_ENUM.format(enum="Mode", field="wish"),
+            "the enumeration name 'Mode' is taken",
+        ),
+        (
+            MESSAGE_WITH_ENUM.format(enum="Fresh", field="node"),
+            "fog: the field name node is reserved",
+        ),
+    ],
+)
+def test_a_message_with_a_name_of_sweepctl_is_disabled(
+    site: Path, source: str, printed: str
+) -> None:
+    install(site, "fog", {"messages": {"fog": "fog:Fog"}}, {"fog": source})
+    done = sweepctl_with(site, "generate", "proto", "--out", "made")
+    assert done.status == 0
+    assert f"message 'fog' of package fog 1.0: {printed}; it is disabled" in done.err
+
+
+def test_two_packages_with_one_enumeration_name_are_rejected(site: Path) -> None:
+    for package, type_id in (("fog", "0x51"), ("smoke", "0x52")):
+        source = MESSAGE_WITH_ENUM.format(enum="Density", field="density")
+        source = source.replace("0x51", type_id).replace("Fog", package.title())
+        points = {"messages": {package: f"{package}:{package.title()}"}}
+        install(site, package, points, {package: source})
+    done = sweepctl_with(site, "generate", "c", "--out", "made")
+    assert "enumeration name 'Density' is claimed by message 'fog' of package fog 1.0" in done.err
+
+
+def test_documentation_of_several_lines_is_valid_in_every_format(site: Path) -> None:
+    source = MESSAGE_WITH_ENUM.format(enum="Density", field="density")
+    source = source.replace('"""Fog."""', '"""Fog.\n\n    More about fog.\n    """')
+    source = source.replace('"""Levels."""', '"""\n    Levels.\n    """')
+    install(site, "fog", {"messages": {"fog": "fog:Fog"}}, {"fog": source})
+    for what in ("c", "proto", "lua", "md", "dbc"):
+        done = sweepctl_with(site, "generate", what, "--out", "made")
+        assert (done.status, done.err) == (0, ""), what
+    made = site.parent / "made"
+    proto = (made / "sweepctl.proto").read_text(encoding="utf-8")
+    assert "// Fog.\n//\n// More about fog.\n" in proto
+    header = (made / "sweepctl_protocol.h").read_text(encoding="utf-8")
+    assert "/* Levels. */" in header
+
+
+def test_a_plug_in_that_exits_at_its_import_is_disabled(site: Path) -> None:
+    install(site, "fog", {"messages": {"fog": "fog:Fog"}}, {"fog": "raise SystemExit('bye')\n"})
+    done = sweepctl_with(site, "generate", "md", "--out", "made")
+    assert done.status == 0
+    assert "message 'fog' of package fog 1.0 cannot be loaded: SystemExit: bye" in done.err
 
 
 def test_a_plug_in_that_raises_at_its_import_is_disabled_in_one_line(site: Path) -> None:

@@ -255,6 +255,12 @@ def configuration(ctx: click.Context) -> Configuration:
     return found
 
 
+def given(name: str) -> bool:
+    """Return whether the command line has an option; a default or a file does not count."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is ParameterSource.COMMANDLINE
+
+
 def port_of(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     """Return the port of a named robot, or the value itself; for the argument PORT.
 
@@ -283,13 +289,6 @@ def port_of(ctx: click.Context, param: click.Parameter, value: str | None) -> st
             param,
         )
     return value
-
-
-def ports_of(
-    ctx: click.Context, param: click.Parameter, values: tuple[str, ...]
-) -> tuple[str | None, ...]:
-    """Return the ports of several names or ports, as :func:`port_of`."""
-    return tuple(port_of(ctx, param, value) for value in values)
 
 
 @dataclass(frozen=True, slots=True)

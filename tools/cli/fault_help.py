@@ -47,7 +47,7 @@ def _argument(argument: Argument) -> str:
 
 
 def _lasts(kind: FaultKind) -> str:
-    return "Has a duration." if kind.lasting else "Momentary."
+    return "Lasts." if kind.lasting else "At once."
 
 
 def faults_page() -> str:

@@ -91,16 +91,19 @@ def command(  # noqa: PLR0913 - one parameter for each option
 
     check_outputs([out], [a, b], force=force)
     check_format("--out", out, *PAGE, *PNG)
+    for option, limits in (("--min", minimum), ("--max", maximum)):
+        if len(dict(limits)) < len(limits):
+            raise click.UsageError(f"{option} is given twice for one metric: give one limit.")
     with readable(a) as first, readable(b) as second:
+        runs = load_run(first), load_run(second)
+        result = compare(*runs)
+        difference = result["difference"]
+        for key, _ in (*minimum, *maximum):
+            if key not in difference:
+                known = ", ".join(difference)
+                raise click.UsageError(f"No metric {key!r}: the metrics are {known}.")
         if out is not None:
-            result, lines = write_page(first, second, out, force=force), []
-        else:
-            runs = load_run(first), load_run(second)
-            result, lines = compare(*runs), rows(*runs)
-    difference = result["difference"]
-    for key, _ in (*minimum, *maximum):
-        if key not in difference:
-            raise click.UsageError(f"No metric {key!r}: the metrics are {', '.join(difference)}.")
+            write_page(*runs, out)
     found = violations(difference, dict(minimum), dict(maximum))
     result["a"]["log"], result["b"]["log"] = str(a), str(b)
     if as_json:
@@ -108,7 +111,7 @@ def command(  # noqa: PLR0913 - one parameter for each option
     elif out is not None:
         inform(f"wrote {out}")
     else:
-        _print_table(a, b, lines)
+        _print_table(a, b, rows(*runs))
     if not as_json:
         for line in found:
             inform(line)

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from tools.cli import options
-from tools.cli.configuration import port_of
+from tools.cli.configuration import given, port_of
 from tools.cli.console import inform, plain_console, write_json
 from tools.cli.log_file import complete_log, newest_if_named
 from tools.cli.paths import is_file, is_folder, is_there
@@ -87,12 +86,14 @@ def command(  # noqa: PLR0913 - the options of a port
     if find_baud:
         from bridge.doctor.port_examination import find_baud as search
 
-        found = search(target, on_rate=lambda rate: inform(f"listening at {rate} baud"))
+        found = search(
+            target, dtr=dtr, rts=rts, on_rate=lambda rate: inform(f"listening at {rate} baud")
+        )
         if found is None:
             inform(f"{target}: no sweeper found at any baud rate")
-            return 3
-        inform(f"{target}: sweeper found at {found} baud (--baud {found})")
-        baud = found
+        else:
+            inform(f"{target}: sweeper found at {found} baud (--baud {found})")
+            baud = found
     import threading
 
     from bridge.doctor.port_examination import examine_port
@@ -127,11 +128,11 @@ def _check(target: str, path: Path, *, find_baud: bool) -> None:
     if is_folder(path):
         raise click.UsageError(f"{target} is a folder; give a log file or a port")
     if is_file(path):
-        context = click.get_current_context()
-        for param in context.command.params:
-            is_given = context.get_parameter_source(param.name or "") is ParameterSource.COMMANDLINE
-            if is_given and param.name not in _OF_FILES:
+        for param in click.get_current_context().command.params:
+            if given(param.name or "") and param.name not in _OF_FILES:
                 raise click.UsageError(f"{param.opts[0]} needs a port, but {target} is a file")
+    if find_baud and given("baud"):
+        raise click.UsageError("--find-baud tries every baud rate: omit --baud")
     if find_baud and target.startswith("can:"):
         raise click.UsageError(f"--find-baud needs a serial port; for {target} give --bitrate")
     if find_baud and "://" in target and not target.startswith("rfc2217://"):

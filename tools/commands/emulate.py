@@ -159,7 +159,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.virtual import core_target, qemu_target
     from tools.virtual.wanted import Wanted
 
-    qemu_target.check(target, link)
+    qemu_target.check(target, link, keyed=key_file is not None)
     core_target.check(target, firmware, gdb=gdb)
     _check(link, baud, bitrate, listen, pty_link, truth, lan=lan, force=force, as_json=as_json)
     model, robot_toml = load_robot(robot)

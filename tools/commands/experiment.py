@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from tools.cli import options
 from tools.cli.completion import complete_robots, complete_rooms
-from tools.cli.configuration import NOISE_LEVELS
+from tools.cli.configuration import NOISE_LEVELS, given
 from tools.cli.console import inform, print_error
 from tools.cli.paths import PathName
 from tools.cli.planners import PLANNERS, PlannerList
@@ -265,8 +264,7 @@ def _check_use(
         if ctx.params[name] and what != "compare":
             raise click.UsageError(f"--{name} needs compare")
     for name in ("constants", "factors"):
-        given = ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if given and what != "sensitivity":
+        if given(name) and what != "sensitivity":
             raise click.UsageError(f"--{name} needs sensitivity")
     if ctx.params["scheduler"] is not None and ctx.params["jobs"] is not None:
         raise click.UsageError("--jobs is for local processes: leave it out with --scheduler")
@@ -323,15 +321,10 @@ def _reject_grid(ctx: click.Context) -> None:
         click.UsageError: such an option was given.
 
     """
-    given = [
-        param.opts[0]
-        for param in ctx.command.params
-        if param.name in _GRID
-        and ctx.get_parameter_source(param.name) is ParameterSource.COMMANDLINE
-    ]
-    if given:
+    wrong = [p.opts[0] for p in ctx.command.params if p.name in _GRID and given(p.name)]
+    if wrong:
         raise click.UsageError(
-            f"{', '.join(given)}: not for paper, which has its own rooms, planners, "
+            f"{', '.join(wrong)}: not for paper, which has its own rooms, planners, "
             "noise levels and seeds"
         )
 

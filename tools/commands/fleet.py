@@ -9,7 +9,7 @@ import click
 
 from tools.cli import options, planners
 from tools.cli.completion import complete_robot, complete_room
-from tools.cli.configuration import robots_of
+from tools.cli.configuration import configuration, robots_of
 from tools.cli.on_event import on_option
 from tools.cli.paths import PathName
 from tools.cli.port_options import complete_port
@@ -113,6 +113,9 @@ def _check_files(
     from bridge.config import load_robot
     from tools.cli.rooms import load_room
 
+    default = configuration(click.get_current_context()).defaults.get("robot")
+    if robot is None and default is not None:
+        robot = Path(str(default.value))
     for named in robots:
         own = named.values.get("robot")
         model, _ = load_robot(robot if own is None else Path(str(own.value)))

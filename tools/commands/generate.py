@@ -18,6 +18,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_SCALE = (Fraction(1, 10_000), Fraction(2**32 - 1, 10_000))
+"""Range of the scales in ``imu_info``."""
+_ZERO_DEG_C = (Fraction(-(2**15), 100), Fraction(2**15 - 1, 100))
+"""Range of the temperature in ``imu_info``, °C."""
+
+
 class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the stubs only
     """Parameter type: scale of an IMU's counts; an omitted part has its nominal value."""
 
@@ -48,8 +54,10 @@ class ImuScaleType(click.ParamType):  # type: ignore[type-arg]  # generic in the
                 number = Fraction(text.strip())
             except (ValueError, ZeroDivisionError):
                 self.fail(f"{key.strip()}: {text.strip()!r} is not a number", param, ctx)
-            if number <= 0 and key.strip() != "zero":
-                self.fail(f"{key.strip()}: {text.strip()} is not above 0", param, ctx)
+            low, high = _ZERO_DEG_C if key.strip() == "zero" else _SCALE
+            if not low <= number <= high:
+                between = f"from {float(low):g} to {float(high):.8g}"
+                self.fail(f"{key.strip()}: {text.strip()} is not {between}", param, ctx)
             changes[name] = number
         return replace(NOMINAL, **changes)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tools.cli import options
+from tools.cli.configuration import given
 from tools.cli.console import flush, inform, is_drawable, plain_console, write_json, write_line
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, port_options
@@ -100,13 +101,16 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError(
             "give --json (one object at the end) or --jsonl (one for each message), not both"
         )
+    machine = "--json" if as_json else "--jsonl" if jsonl else ""
+    if machine and (lines or raw):
+        raise click.UsageError(f"{machine} is for machines: omit {'--lines' if lines else '--raw'}")
     try:
         monitor = Monitor(link_of(port.name), types=types, node=port.node)
     except UnknownTypeError as error:
         raise click.BadParameter(str(error), param_hint="'[TYPE]...'") from None
     if handshake and (types or raw):
         raise click.UsageError("--handshake shows the device's state: omit TYPE and --raw")
-    if robot is not None and not handshake:
+    if given("robot") and not handshake:
         raise click.UsageError("--robot needs --handshake: the messages need no robot file")
     looker = _Looker(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
     if has_owner(port.name):
@@ -187,7 +191,7 @@ def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> No
 
     """
     asked = [*(f"TYPE ({name})" for name in types[:1]), *(["--raw"] if raw else [])]
-    asked += [f"--node {port.node}"] if port.node is not None else []
+    asked += [f"--node {port.node}"] if given("node") else []
     if asked:
         raise click.UsageError(
             f"another sweepctl has {port.name} open and reports its state, not the traffic: omit "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tools.cli import options
-from tools.cli.configuration import ports_of
+from tools.cli.configuration import Named, given, robots_of
 from tools.cli.console import inform, plain_console, write_json, write_lines
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class Probe(click.Choice[str]):
 
 
 @click.command("ports", epilog="Example:  sweepctl ports --probe")
-@click.argument("named", nargs=-1, metavar="[PORT]...", callback=ports_of)
+@click.argument("named", nargs=-1, metavar="[PORT]...", callback=robots_of)
 @click.option(
     "--probe",
     type=Probe(["listen", "active"]),
@@ -44,7 +44,7 @@ class Probe(click.Choice[str]):
 @click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux and exit.")
 @options.json_option
 def command(
-    *, named: tuple[str, ...], probe: str | None, baud: int, udev_rule: bool, as_json: bool
+    *, named: tuple[Named, ...], probe: str | None, baud: int, udev_rule: bool, as_json: bool
 ) -> int:
     """List the serial ports and CAN interfaces on which a robot may be, likely ones first.
 
@@ -53,19 +53,25 @@ def command(
     first.
     """
     if udev_rule:
-        if as_json:
-            raise click.UsageError("--udev-rule prints a file for udev: omit --json")
+        if as_json or probe is not None:
+            other = "--json" if as_json else "--probe"
+            raise click.UsageError(f"--udev-rule prints a file for udev: omit {other}")
         rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")
         write_lines(rule)
         return 0
+    if given("baud") and probe is None:
+        raise click.UsageError("--baud is the rate of the probe: give --probe")
     from bridge.io.candidates import candidates
     from bridge.io.candidates import probe as ask
 
-    found = candidates(named)
+    found = candidates([robot.port for robot in named])
     if probe == "active":
         inform("warning: a hello is sent to every listed port, whatever device is on it")
     if probe is not None:
-        found = ask(found, active=probe == "active", baud=baud)
+        rates: dict[str, int] = {}
+        if not given("baud"):
+            rates = {r.port: int(r.values["baud"].value) for r in named if "baud" in r.values}
+        found = ask(found, active=probe == "active", baud=baud, own_baud=rates)
     if as_json:
         write_json({"ports": [one.to_dict() for one in found]})
     elif not found:

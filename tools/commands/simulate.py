@@ -11,7 +11,7 @@ import click
 
 from tools.cli import options, planners
 from tools.cli.completion import complete_room
-from tools.cli.configuration import ConfiguredOption
+from tools.cli.configuration import ConfiguredOption, given
 from tools.cli.console import err, inform, print_error, print_summary
 from tools.cli.foxglove import foxglove_option, live_foxglove, run_parameters
 from tools.cli.on_event import EventCommands, on_option
@@ -146,6 +146,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError(
             "--planner-option sets a planner on the host; it cannot be used with --supervise"
         )
+    if supervise:
+        planner = _onboard(planner)
     runner = None if supervise else _runner(model, planner, planner_options, seed)
     said = {
         "noise": noise,
@@ -203,6 +205,21 @@ def command(  # noqa: PLR0913 - one parameter per option
                 core_target.print_trace(run.crash)
             print_summary(summary, as_json=as_json)
     return status
+
+
+def _onboard(planner: str) -> str:
+    """Return the device's planner: the wanted one, or the default in place of a configured one.
+
+    Raises:
+        click.UsageError: the device does not have the planner.
+
+    """
+    if planner in planners.PLANNERS:
+        return planner
+    if given("planner"):
+        names = ", ".join(planners.PLANNERS)
+        raise click.UsageError(f"--supervise: the device has {names}, not {planner!r}")
+    return planners.DEFAULT_PLANNER
 
 
 def _info(

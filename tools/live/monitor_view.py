@@ -60,7 +60,7 @@ class MonitorLines(Nothing):
         self._rates_ns = 0
         self._start_ns: int | None = None
         self._warned: set[int] = set()
-        self._rates = ""
+        self._reported_silence = ""
         """The printed line about a silence; empty while messages arrive."""
 
     def show(self, seen: Seen) -> None:
@@ -87,9 +87,10 @@ class MonitorLines(Nothing):
                 inform(_stranger(node, value))
         if now_ns - self._rates_ns >= _RATES_NS:
             rates = _rates(monitor)
-            if self._rates_ns and rates != self._rates:  # a silence is reported only once
+            # A silence is reported only once.
+            if self._rates_ns and rates != self._reported_silence:
                 inform(rates)
-                self._rates = rates if rates.startswith(_SILENCE) else ""
+                self._reported_silence = rates if rates.startswith(_SILENCE) else ""
             self._rates_ns = now_ns
 
     def sum_up(self, monitor: Monitor) -> None:

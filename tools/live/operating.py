@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bridge.io import clock
 from bridge.run.dead_man_switch import DIRECTIONS, PRESS_S, DeadManSwitch
-from bridge.run.ending import Ending
+from bridge.run.ending import Ending, described
 from bridge.run.manual import DriveMode, Operator
 from bridge.run.mission import Phase
 from bridge.run.onboard_mission import OnboardMission
@@ -98,7 +98,14 @@ class Operating:
         return self.message
 
     def on_key(self, key: Key) -> None:
-        """Handle one event of the keyboard."""
+        """Handle one event of the keyboard. An exception stops the robot and ends the run."""
+        try:
+            self._handle(key)
+        except Exception as error:  # noqa: BLE001 - a key that does nothing is not safe
+            why = f"the key {key.name} failed: {described(error)}"
+            self._end(Ending("fault", why, 1, StopCause.OPERATOR))
+
+    def _handle(self, key: Key) -> None:
         time_s = clock.now() / 1e9
         if key.kind == "release":
             self.dead_man_switch.release(key.name, time_s)
@@ -213,9 +220,7 @@ class Operating:
         status = self._pump.snapshot.state.status
         if status is None:
             self.message = "no status from the device yet"
-        elif not (
-            self._clear_stop or status.stop_cause in _ORDERLY | {StopCause(self._clear_cause)}
-        ):
+        elif not (self._clear_stop or status.stop_cause in {*_ORDERLY, self._clear_cause}):
             cause = label(StopCause, status.stop_cause)
             self.message = f"a stop is latched (cause: {cause}): look, then press c to clear it"
         else:

@@ -18,7 +18,7 @@ SERIAL = {"pty", "tcp"}
 """Links that work with the emulated chip: QEMU's STM32F405 has no CAN."""
 
 
-def check(target: str, link: str) -> None:
+def check(target: str, link: str, *, keyed: bool) -> None:
     """Check that the options of the target can be combined.
 
     Raises:
@@ -28,6 +28,10 @@ def check(target: str, link: str) -> None:
     if target == "qemu" and link not in SERIAL:
         raise click.UsageError(
             f"--link {link} needs --target python or core: the chip that QEMU emulates has no CAN"
+        )
+    if target == "qemu" and keyed:
+        raise click.UsageError(
+            "--key-file needs --target python or core: the chip that QEMU emulates has no key"
         )
 
 

@@ -17,7 +17,6 @@ _IDLE_S = 0.1
 
 def serve(device: ReplayDevice, port: DevicePort, stopper: Stopper) -> None:
     """Serve the device on the port in real time, until stopped."""
-    waiting = b""
     while not stopper.stopped:
         wait_s = min(_IDLE_S, max(0.0, (device.next_deadline() - clock.now()) / 1e9))
         ready, _, _ = select.select([stopper.fileno(), *port.filenos()], [], [], wait_s)

@@ -25,3 +25,13 @@ class SweeperSettings:
     """Firmware of the device: the model in Python, or ``core``, the C firmware."""
     firmware: str | None = None
     """Firmware library to run instead of the C core; None: the C core of sweepctl."""
+
+    def __post_init__(self) -> None:
+        """Check the combination.
+
+        Raises:
+            ValueError: a firmware library without the target that runs it.
+
+        """
+        if self.firmware is not None and self.target != "core":
+            raise ValueError(f"firmware={self.firmware!r} needs target='core'")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from bridge.errors import OutputExistsError
 from bridge.view.output import write
 from bridge.view.report import figures as report_figures
 from bridge.view.report import words
 from bridge.view.report.drawing import as_png, blank, drawn_text, floor_axes, nothing, svg
 from bridge.view.report.page import document, section, table
 from bridge.view.report.picture import draw_plan, plan_legend
-from bridge.view.report.run_data import load_run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -160,24 +158,16 @@ def _form(key: str, value: float | None, *, sign: bool = False) -> str:
     return f"{value:{plus}.4g}" if abs(value) < 1 else f"{value:{plus}.2f}"
 
 
-def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str, Any]:
+def write_page(a: RunData, b: RunData, out: Path) -> None:
     """Write the comparison as a page, or as a picture if ``out`` ends with ``.png``.
 
     Raises:
-        LogReadError: a log cannot be read.
-        OutputExistsError: the page exists and ``force`` is not set.
         LogWriteError: the file cannot be written.
         PlotMissingError: matplotlib is not installed.
 
     """
-    if out.is_file() and not force:
-        raise OutputExistsError(out)
-    runs = load_run(a), load_run(b)
-    content = (
-        picture(*runs) if out.suffix.lower() == ".png" else render(*runs).encode(errors="replace")
-    )
-    write(out, content)
-    return compare(*runs)
+    is_picture = out.suffix.lower() == ".png"
+    write(out, picture(a, b) if is_picture else render(a, b).encode(errors="replace"))
 
 
 def render(a: RunData, b: RunData) -> str:

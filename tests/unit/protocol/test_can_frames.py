@@ -15,7 +15,7 @@ from protocol.can.frames import (
     worst_bits,
 )
 from protocol.can.link import CanLink
-from protocol.can.load import BITRATE, loads, report
+from protocol.can.load import BITRATE, loads
 from protocol.can.transfers import MAX_CONTENT, content, parse_content, segments
 from protocol.link import Received
 from protocol.messages.device import (
@@ -187,7 +187,6 @@ def test_bus_load_at_default_rates_is_below_thirty_percent() -> None:
     rows = loads()
     nominal = sum(row.bits_per_s for row in rows) / BITRATE
     worst = sum(row.worst_bits_per_s for row in rows) / BITRATE
-    print("\n".join(report()))  # noqa: T201 - shown by pytest -rP
     imu = next(row for row in rows if row.name == "imu")
     assert imu.bits_per_s == 200 * 111 + 79
     assert imu.worst_bits_per_s == 200 * 135 + 79 + 16

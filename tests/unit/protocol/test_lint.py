@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import replace
+from enum import IntEnum
 from typing import Annotated
 
 import pytest
 
+from bridge.record.encode import schemas
+from bridge.record.encode.layout import FlatMessage
 from protocol.errors import UnknownMessageError
+from protocol.generate.c_text import snake
 from protocol.messages.device import Imu, LogText, Power, Range, Status
 from protocol.messages.host import SetMode, VelocitySetpoint
 from protocol.schema import lint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
-from protocol.schema.lint import findings
+from protocol.schema.lint import RESERVED_MESSAGES, findings
 from protocol.schema.message import (
     CanPart,
     Direction,
@@ -25,6 +30,7 @@ from protocol.schema.message import (
     specify,
 )
 from protocol.uart import framing
+from support.root import ROOT
 
 RAW = number(U8, "count", "a number")
 
@@ -172,6 +178,36 @@ def test_types_of_makers_are_theirs() -> None:
 
 
 # ---- declaring ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["clock_sync", "parser"])
+def test_a_message_name_that_a_log_or_the_c_code_uses(name: str) -> None:
+    assert findings([replace(CATALOGUE.spec(Power), name=name)]) == [
+        f"{name}: the name is reserved"
+    ]
+
+
+def test_field_names_that_other_columns_have() -> None:
+    node = replace(RAW, name="node")
+    again = replace(RAW, name="battery_v")
+    assert findings([with_more(Power, node, again)]) == [
+        "power: the field name node is reserved",
+        "power: two values have the name battery_v",
+    ]
+
+
+def test_every_other_name_of_logs_and_c_code_is_reserved() -> None:
+    header = (ROOT / "sim_device/firmware/protocol/sweepctl_protocol.h").read_text()
+    types = set(re.findall(r"} sp_(\w+)_t;", header)) - CATALOGUE.by_name.keys()
+    own = [each for each in vars(schemas).values() if isinstance(each, FlatMessage)]
+    logged = {snake(each.full_name.rpartition(".")[2]) for each in own}
+    assert types | logged <= RESERVED_MESSAGES
+
+
+def test_two_enumerations_of_one_name() -> None:
+    mode = IntEnum("Mode", ["OTHER"])  # type: ignore[misc]  # the name of another enumeration
+    own = with_field(Status, "mode", enum=mode)
+    assert "enumeration Mode is declared 2 times" in findings([CATALOGUE.spec(SetMode), own])
 
 
 def test_a_field_without_declaration_is_rejected() -> None:

@@ -128,6 +128,27 @@ def test_the_confirmation_is_for_the_stop_that_the_person_saw() -> None:
     assert not bench.begun()
 
 
+def test_a_stop_with_an_unknown_cause_can_be_cleared() -> None:
+    """A newer device may have further causes."""
+    bench = KeysAtRest(cause=77)  # type: ignore[arg-type]  # unknown to this version
+    assert "cause: unknown(77)" in bench.press("g", "g")
+    bench.press("c", "c", "g", "g")
+    assert bench.begun()
+
+
+def test_a_key_that_fails_stops_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = KeysAtRest()
+
+    def fail() -> None:
+        raise IndexError("list index out of range")
+
+    monkeypatch.setattr(bench.keys, "mark", fail)
+    bench.press("m")
+    (ending,) = bench.loop.endings
+    assert (ending.outcome, ending.cause) == ("fault", StopCause.OPERATOR)
+    assert ending.reason == "the key m failed: IndexError: list index out of range"
+
+
 def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
     bench = KeysAtRest()
     bench.press("d", "d")
