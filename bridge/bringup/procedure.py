@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from bridge.bringup.first_power import FirstPower
 from bridge.bringup.gyro import MIN_SAMPLES, biases
+from bridge.bringup.port import InterruptedByPersonError
 from bridge.bringup.wheel_step import WheelStep, judge_step, wheel_steps
 from bridge.bringup.wiring import (
     LEFT,
@@ -358,9 +359,9 @@ class BringUp:
             return
         try:
             self.steps = self._step()
+        except InterruptedByPersonError:
+            raise
         except (StoppedForSafetyError, ValueError) as error:
-            if getattr(error, "exit_status", 1) == 0:
-                raise
             yield wrong("wheel control", str(error), "see its log lines above")
         finally:
             self._session.stop()

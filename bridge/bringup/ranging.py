@@ -22,6 +22,10 @@ OFFSET_M = 0.1
 """Maximum plausible offset, m."""
 
 
+class RangeCalibrationError(BridgeError):
+    """The readings do not give a calibration."""
+
+
 class Point(NamedTuple):
     """Readings of a flat wall at a measured distance from the face of the sensor."""
 
@@ -46,12 +50,13 @@ def point(true_m: float, readings: Sequence[float | None]) -> Point:
     """Return the mean of the readings near the median.
 
     Raises:
-        BridgeError: too few readings are valid.
+        RangeCalibrationError: too few readings are valid.
 
     """
     seen = [r for r in readings if r is not None]
     if len(seen) < max(MIN_READINGS, len(readings) // 2):
-        raise BridgeError(f"at {true_m:g} m only {len(seen)} of {len(readings)} readings are valid")
+        text = f"at {true_m:g} m only {len(seen)} of {len(readings)} readings are valid"
+        raise RangeCalibrationError(text)
     middle = median(seen)
     # Readings far from the median are omitted. Their cause is crosstalk from other ultrasonic
     # sensors.
@@ -66,25 +71,25 @@ def fit(points: Sequence[Point], scale: float = 1.0, offset_m: float = 0.0) -> R
     contains this correction and replaces it.
 
     Raises:
-        BridgeError: there are no points, or the result is implausible.
+        RangeCalibrationError: there are no points, or the result is implausible.
 
     """
     if not points:
-        raise BridgeError("no distance was measured")
+        raise RangeCalibrationError("no distance was measured")
     spread = max(p.true_m for p in points) - min(p.true_m for p in points)
     if len(points) > 1 and spread >= MIN_SPREAD_M:
         mean_read, mean_true = fmean(p.read_m for p in points), fmean(p.true_m for p in points)
         above = sum((p.read_m - mean_read) * (p.true_m - mean_true) for p in points)
         below = sum((p.read_m - mean_read) ** 2 for p in points)
         if below <= 0.0:
-            raise BridgeError("the sensor reads the same at every distance")
+            raise RangeCalibrationError("the sensor reads the same at every distance")
         slope = above / below
         shift = mean_true - slope * mean_read
     else:
         slope, shift = 1.0, fmean(p.true_m - p.read_m for p in points)
     total_scale, total_offset = slope * scale, slope * offset_m + shift
     if not SCALES[0] <= total_scale <= SCALES[1] or abs(total_offset) > OFFSET_M:
-        raise BridgeError(
+        raise RangeCalibrationError(
             f"scale {total_scale:.3f} and offset {1000 * total_offset:+.0f} mm are implausible; "
             "measure the distances from the face of the sensor"
         )

@@ -39,7 +39,7 @@ class BringupRecords:
 
     def opened(self, now_ns: HostNs) -> None:
         """Record the start of the session."""
-        self._records.event(now_ns, Severity.INFO, "session", EventKind.OPENING, "at the bench")
+        self._records.event(now_ns, Severity.INFO, "session", EventKind.OPENING, "bring-up")
 
     def passed(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
         """Record bytes that were sent or received."""
@@ -52,7 +52,7 @@ class BringupRecords:
 
     def record_line(self, text: str) -> None:
         """Record a line that was printed."""
-        self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.PRINTED, text)
+        self._records.event(self._wire.now(), Severity.INFO, "bringup", EventKind.PRINTED, text)
 
     def received(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         """Record the events of a session that have the same time."""

@@ -98,7 +98,7 @@ class BringupSession:
         self._wire, self._records = wire, records
         self._new_session_id = new_session_id
         self.session = Session(
-            new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
+            new_session_id, name="sweepctl bringup", node=node, link=wire.link, key=key
         )
         self.commands = Dialogue(self.session)
         self.client = DeviceClient(self)

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 REST_S = 0.6
 """Duration of the standstill before and after each drive, s."""
-_LEG_S = 120.0
-"""Time limit of one leg, s."""
+_LEG_S = 20.0
+"""Additional time limit of one leg, s: turns, acceleration and braking."""
 _FINE = frozenset({StopReason.DONE, StopReason.DISTANCE})
 """Stop reasons that are a normal end of a leg."""
 _LOWPASS = 0.5
@@ -213,7 +213,7 @@ class Squares:
 
     def _confirm(self, text: str) -> None:
         if not self._person.confirm(text):
-            raise BridgeError("ended: nothing was driven and nothing changed")
+            raise BridgeError("ended: nothing was changed")
 
     def _straight(
         self, model: RobotModel, asked: Asked
@@ -260,7 +260,7 @@ class Squares:
         for leg in legs:
             executor.start(leg, self._observe(wheels))
             session.steer(steer)
-            session.run(_LEG_S, lambda: executor.result is not None)
+            session.run(_limit_s(leg, asked.speed_m_s), lambda: executor.result is not None)
             self._check(leg, executor.result)
         session.steer(lambda: (0.0, 0.0))
         session.run(REST_S)
@@ -301,3 +301,9 @@ def square(side_m: float, speed_m_s: float, *, clockwise: bool) -> tuple[Leg, ..
         heading = wrap_angle(heading + (-0.5 if clockwise else 0.5) * math.pi)
         legs.append(Turn(heading))
     return tuple(legs)
+
+
+def _limit_s(leg: Leg, speed_m_s: float) -> float:
+    """Return the time limit of a leg, s."""
+    length_m = leg.distance_m if isinstance(leg, Drive) else None
+    return _LEG_S + 2.0 * abs(length_m or 0.0) / speed_m_s

@@ -217,7 +217,7 @@ def _ros_keys(path: Path, data: dict[object, Any]) -> _RosMap:
     if occupied < free and not problems:
         problems.append(f"occupied_thresh: {occupied:g} is below free_thresh, {free:g}")
     negate = data.get("negate", 0)
-    if negate not in {0, 1}:
+    if negate not in (0, 1):
         problems.append(f"negate: {negate!r:.40} is not 0 or 1")
     if data.get("mode", "trinary") not in _MODES:
         problems.append(f"mode: {data['mode']!r:.40} is not {' or '.join(_MODES)}")

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.encode.schemas import DeviceEncoder, device_encoders
+from bridge.record.errors import LogReadError
 from bridge.record.reader import MISREAD, LogReader
+from bridge.record.version_1 import is_version_1
 from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from bridge.session.discovery import LISTEN_NS
 from bridge.session.event_kinds import EventKind
@@ -74,6 +76,8 @@ def compare(path: Path) -> Redecoded:
 
     """
     reader = LogReader(path)
+    if is_version_1(reader):
+        raise LogReadError(path, "its bytes are of version 0.1, which this version reads only")
     recorded: dict[str, list[Decoded]] = defaultdict(list)
     for message in reader.messages(_DeviceTopics()):
         topic = message.channel.topic

@@ -13,6 +13,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from bridge.convert.sources import readable
+from bridge.doctor.body_view import FROZEN
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
@@ -41,8 +42,6 @@ MIN_MESSAGES = 20
 WINDOW_NS = 2_000_000_000
 """Maximum time by which a message in a file may be out of order, ns. It is the duration of eight
 chunks of a sweepctl log."""
-FROZEN = 60
-"""Minimum number of equal consecutive IMU samples that is reported."""
 _FAILURES = frozenset(
     {
         *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),

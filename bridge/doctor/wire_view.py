@@ -115,7 +115,6 @@ class WireView:
     def __init__(self, medium: Medium = Medium.UART) -> None:
         """Start without any data."""
         can = medium is Medium.CAN
-        self.medium = medium
         self.on_message: Callable[[Message, int, int], None] = lambda *_: None
         """Function that is called with each message of the device, its stamp (µs, 32 bits) and
         arrival (ns)."""
@@ -134,7 +133,6 @@ class WireView:
         self.marks = FrameTimes()
         self.chunk_ns = array("q")
         """Times at which the port returned bytes, ns."""
-        self.chunk_bytes = array("q")
         self.round_trips: list[tuple[int, int]] = []
         """Arrival of the reply (ns) and round trip without the device's processing time (ns), for
         each answered ping."""
@@ -195,7 +193,6 @@ class WireView:
         self._tail = (self._tail + data)[-_KEPT - len(data) :]
         if len(self.chunk_ns) < _MAX_MARKS:
             self.chunk_ns.append(at_ns)
-            self.chunk_bytes.append(len(data))
         for event in self._rx.receive(data, at_ns // 1000):
             self._event(event, at_ns)
         self._tail = self._tail[-_KEPT:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from typing import TYPE_CHECKING
 
 from bridge.errors import BridgeError
@@ -20,6 +21,15 @@ class NoRunError(LibraryError):
     """``latest`` or ``latest~N`` refers to a run that does not exist."""
 
 
+class IndexBusyError(LibraryError):
+    """The index cannot be used now: another process uses it, or the disk is full."""
+
+    exit_status = 1
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"the index {path} cannot be used: {reason}; try again")
+
+
 class IndexDamagedError(LibraryError):
     """The index is damaged. It contains tags and notes, so it is not replaced."""
 
@@ -30,3 +40,9 @@ class IndexDamagedError(LibraryError):
             f"the index {path} cannot be used: {reason}; delete it to make a new one (its tags and "
             "notes are lost)"
         )
+
+
+def index_error(path: Path, error: sqlite3.DatabaseError) -> LibraryError:
+    """Return the error for an exception of the database."""
+    kind = IndexBusyError if isinstance(error, sqlite3.OperationalError) else IndexDamagedError
+    return kind(path, str(error))

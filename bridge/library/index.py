@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.library.columns import INDEXED
-from bridge.library.errors import IndexDamagedError, LibraryError
+from bridge.library.errors import LibraryError, index_error
 from bridge.record.names import readable_name
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class FolderIndex:
             )
             self._prepare()
         except sqlite3.DatabaseError as error:
-            raise IndexDamagedError(self.path, str(error)) from None
+            raise index_error(self.path, error) from None
 
     @property
     def uri(self) -> str:
@@ -156,13 +156,13 @@ class FolderIndex:
             read: Reads the logs.
 
         Raises:
-            IndexDamagedError: the index cannot be read or written.
+            LibraryError: the index cannot be read or written.
 
         """
         try:
             self._update(files, progress, read)
         except sqlite3.DatabaseError as error:
-            raise IndexDamagedError(self.path, str(error)) from None
+            raise index_error(self.path, error) from None
 
     def _update(
         self, files: list[ListedFile], progress: Callable[[int, int], None], read: LogReaders

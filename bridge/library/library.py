@@ -10,8 +10,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bridge.library.columns import COLUMNS, INDEXED, NAMES
-from bridge.library.errors import IndexDamagedError, LibraryError
-from bridge.library.index import FolderIndex, Marks, folders_with_logs, logs_in, read_here
+from bridge.library.errors import LibraryError, index_error
+from bridge.library.index import (
+    FILE_NAME,
+    FolderIndex,
+    Marks,
+    folders_with_logs,
+    logs_in,
+    read_here,
+)
 from bridge.library.latest import resolve_latest
 from bridge.library.selection import Selection
 from bridge.record.names import readable_name
@@ -103,7 +110,7 @@ class Library:
             ).fetchall()
             database.execute("DETACH source")
         except sqlite3.DatabaseError as error:
-            raise IndexDamagedError(index.path, str(error)) from None
+            raise index_error(index.path, error) from None
         self._places.append(folder)
         self.unreadable += [(folder / os.fsdecode(name), text) for name, text in unreadable]
 
@@ -175,7 +182,7 @@ def mark_run(
     Raises:
         LibraryError: a tag or the note is invalid, the log does not exist, or its folder cannot be
             written.
-        IndexDamagedError: the index cannot be used.
+        LibraryError: the index cannot be used.
 
     """
     for tag in (*add, *remove):
@@ -196,4 +203,4 @@ def mark_run(
             index.mark(name, marks)
             return marks
     except sqlite3.DatabaseError as error:
-        raise IndexDamagedError(folder, str(error)) from None
+        raise index_error(folder / FILE_NAME, error) from None

@@ -1,1 +1,1 @@
-"""Display of a run in Rerun, in a separate process."""
+"""Views of a run: Rerun, Foxglove, and reports with pictures."""

@@ -42,36 +42,55 @@ def robot_of(reader: LogReader) -> RobotModel:
 
 
 class LossCounter:
-    """Counts gaps in one sender's sequence numbers.
+    """Counts the numbers that are missing in one sender's sequence.
 
     A log sorts messages with equal times by topic, so a sequence number may arrive late. A late
-    number is not a loss.
+    number is not a loss. A repeated number does not replace a lost one.
     """
 
     def __init__(self) -> None:
         self._newest: int | None = None
-        self._first = 0
-        self._seen = 0
+        self._missing: set[int] = set()
+        """Missing numbers that may still arrive."""
+        self._gone = 0
+        """Number of missing numbers that cannot arrive any more."""
+        self._boot_id: int | None = None
         self.lost = 0
         """Number of losses; it never decreases."""
 
-    def add(self, sequence: int) -> None:
-        """Add the sequence number of a received message."""
+    def add(self, sequence: int, boot_id: int | None = None) -> None:
+        """Add the sequence number of a received message, and the boot id of a hello.
+
+        The sequence restarts at a boot.
+        """
+        if boot_id is not None:
+            if self._boot_id not in {None, boot_id}:
+                self._forget(math.inf)
+                self._newest = None
+            self._boot_id = boot_id
         if self._newest is None:
-            self._newest = self._first = sequence
+            self._newest = sequence
+            return
+        step = (sequence - self._newest + _HALF_SEQUENCES) % _SEQUENCES - _HALF_SEQUENCES
+        if step > 0:
+            self._missing.update(range(self._newest + 1, self._newest + step))
+            self._newest += step
+            if self._missing:
+                self._forget(self._newest - _HALF_SEQUENCES)
         else:
-            step = (sequence - self._newest + _HALF_SEQUENCES) % _SEQUENCES - _HALF_SEQUENCES
-            self._newest = max(self._newest, self._newest + step)
-        self._seen += 1
+            self._missing.discard(self._newest + step)
 
     def update(self) -> int:
         """Return the new losses since the last call."""
-        if self._newest is None:
-            return 0
-        missing = self._newest - self._first + 1 - self._seen
-        new = max(0, missing - self.lost)
+        new = max(0, self._gone + len(self._missing) - self.lost)
         self.lost += new
         return new
+
+    def _forget(self, before: float) -> None:
+        """Count the numbers below ``before`` that are still missing."""
+        gone = {number for number in self._missing if number < before}
+        self._gone += len(gone)
+        self._missing -= gone
 
 
 class PoseErrors(Generic[_T]):

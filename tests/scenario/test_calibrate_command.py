@@ -88,6 +88,22 @@ def test_a_range_sensor_against_a_tape(
     assert "skipped" in skipped.err
 
 
+def test_a_sensor_that_fails_does_not_discard_the_others(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No obstacle is beside the robot, so the infrared sensor sees none."""
+    file = tmp_path / "new.toml"
+    asked = ("--sensor", "infrared-left", "--sensor", "ultrasonic", "--at", "2.85")
+    done = calibrate(
+        monkeypatch, "", "range", served.port, *asked, "--robot", file, "--yes", "--json"
+    )
+    assert done.status == 1
+    assert done.json["failed"] == ["infrared_left"]
+    assert "infrared-left: at 2.85 m only 0 of" in done.err
+    assert done.json["range"].keys() == {"ultrasonic"}
+    assert "offset_m" in tomllib.loads(file.read_text())["ultrasonic"]
+
+
 def test_a_calibrated_device_sends_corrected_ranges() -> None:
     """The device sends 0.9 times 2.88 m plus 5 cm, before and after a reboot.
 

@@ -10,6 +10,7 @@ from bridge.convert.redecode import compare
 from bridge.record.errors import LogReadError
 from bridge.record.reader import LogReader
 from support.cli import end, short_runs, start, sweepctl
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,3 +111,8 @@ def _schemas(log: Path) -> dict[str, tuple[str, str, bytes]]:
 def test_no_log(tmp_path: Path) -> None:
     with pytest.raises(LogReadError):
         compare(tmp_path / "none.mcap")
+
+
+def test_the_bytes_of_version_0_1_cannot_be_compared() -> None:
+    with pytest.raises(LogReadError, match=r"of version 0\.1"):
+        compare(ROOT / "tests" / "vectors" / "logs-0.1" / "uart.mcap")

@@ -121,17 +121,16 @@ def test_a_file_that_cannot_be_shown_is_one_line(
 
 
 def test_the_viewer_listens_on_this_machine_only(tmp_path: Path) -> None:
-    for serve_web in (False, True):
-        command = viewer_command(tmp_path / "run.rrd", serve_web=serve_web)
-        assert command[command.index("--bind") + 1] == "127.0.0.1"
-        assert ("--serve-web" in command) == serve_web
+    command = viewer_command(tmp_path / "run.rrd")
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
 
 
 def test_a_viewer_that_fails_reports_why(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = [sys.executable, "-c", "import sys; sys.exit('Error: no graphics adapter')"]
     monkeypatch.setattr("bridge.view.rerun.launch.viewer_command", lambda *_, **__: program)
+    monkeypatch.setattr("bridge.view.rerun.launch.has_display", lambda: True)
     with pytest.raises(ViewerFailedError, match="status 1: Error: no graphics adapter"):
-        open_viewer(log, serve_web=True)
+        open_viewer(log)
 
 
 def test_without_rerun_it_reports_the_install_command(

@@ -128,6 +128,7 @@ def replace_file(path: Path, text: str) -> None:
     """
     from bridge.errors import ConfigError
 
+    path = path.resolve()  # the file, and not a link to it
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         draft.write_text(text, encoding="utf-8")

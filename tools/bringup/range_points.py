@@ -35,7 +35,7 @@ def measured(
         distances_m: distances of the wall from the sensor's face, m.
 
     Raises:
-        BridgeError: too few readings show the wall.
+        RangeCalibrationError: too few readings show the wall.
         DeviceLostError: the device does not answer any more.
 
     """

@@ -318,13 +318,14 @@ def _range(  # noqa: PLR0913 - one parameter per option
     You hold a flat board at each distance from the sensor's face. One distance gives the offset,
     two or more give the scale too.
     """
-    from bridge.bringup.ranging import fit
+    from bridge.bringup.ranging import RangeCalibrationError, fit
     from tools.bringup.calibrating import load_existing, write_results
     from tools.bringup.range_points import measured
     from tools.bringup.session import Terminal, bringup_session
 
     model, text = load_existing(robot)
     found: dict[str, Any] = {}
+    failed: list[str] = []
     changes: list[Change] = []
     with bringup_session(port, log, model, text) as session:
         person = Terminal(session, yes=yes)
@@ -336,11 +337,16 @@ def _range(  # noqa: PLR0913 - one parameter per option
                 known.get(f"{name}_scale", mount.scale),
                 known.get(f"{name}_offset", mount.offset_m),
             )
-            points = measured(session, person, name, distances_m or _DISTANCES_M[sensor])
-            if not points:
-                person.show(f"{sensor}: skipped")
+            try:
+                points = measured(session, person, name, distances_m or _DISTANCES_M[sensor])
+                if not points:
+                    person.show(f"{sensor}: skipped")
+                    continue
+                result = fit(points, *now)
+            except RangeCalibrationError as error:  # the other sensors do not depend on it
+                person.show(f"{sensor}: {error}")
+                failed.append(name)
                 continue
-            result = fit(points, *now)
             person.show(
                 f"{sensor}: error {1000 * result.before_m:.1f} mm before, "
                 f"{1000 * result.after_m:.1f} mm after"
@@ -348,8 +354,9 @@ def _range(  # noqa: PLR0913 - one parameter per option
             found[name] = {"points": [p._asdict() for p in points], **result._asdict()}
             changes += _range_changes(name, now, (result.scale, result.offset_m))
         written = write_results(session, person, changes, robot, text) if changes else None
-    _report(as_json, {"range": found, "written": written.to_dict() if written else None})
-    return 0
+    done = {"range": found, "failed": failed, "written": written.to_dict() if written else None}
+    _report(as_json, done)
+    return 1 if failed else 0
 
 
 def _range_changes(name: str, old: tuple[float, float], new: tuple[float, float]) -> list[Change]:

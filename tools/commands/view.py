@@ -14,6 +14,8 @@ from tools.cli.paths import PathName
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from bridge.record.reader import LogReader
+
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
 @click.argument("file", type=LogPath())
@@ -66,7 +68,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         elif save is None and png is None and screenshot is None:
             from bridge.view.rerun.launch import open_viewer
 
-            open_viewer(log)
+            _warn(open_viewer(log))
     return 0
 
 
@@ -74,17 +76,22 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
     if save is not None:
         from bridge.view.rerun.launch import open_viewer
 
-        open_viewer(log, save=save)
+        _warn(open_viewer(log, save=save))
         inform(f"wrote {save}")
     if png is not None:
         from bridge.view.report.picture import draw_run
 
-        inform(f"wrote {draw_run(log, png)}")
+        inform(f"wrote {draw_run(log, png, warn=inform)}")
     if screenshot is not None:
         from bridge.view.rerun.screenshot import save_screenshot
 
-        save_screenshot(log, screenshot)
+        _warn(save_screenshot(log, screenshot))
         inform(f"wrote {screenshot}")
+
+
+def _warn(reader: LogReader) -> None:
+    for problem in reader.problems:
+        inform(problem)
 
 
 def _serve(log: Path) -> None:

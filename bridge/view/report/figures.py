@@ -82,7 +82,7 @@ def draw_holes(axes: Axes, holes: Sequence[tuple[float, float, float, float]]) -
 
 
 def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
-    """Return times since the first pose (s) and the swept share of the sweepable floor (%)."""
+    """Return times since the start of the drive (s) and the swept sweepable floor (%)."""
     report, meter = data.coverage, data.meter
     if report is None or meter is None:
         return [], []

@@ -12,6 +12,7 @@ from bridge.view.report.drawing import as_png, blank, drawn_text, floor_axes
 from bridge.view.report.run_track import load_track
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from matplotlib.artist import Artist
@@ -28,8 +29,8 @@ _PATH, _ESTIMATE = "#1f4e79", "#b03a48"
 _CARPET, _THRESHOLD, _CLIFF = "#8455a8", "#c98a00", "#c0392b"
 
 
-def draw_run(log: Path, png: Path) -> Path:
-    """Draw a run into a PNG; return its track.
+def draw_run(log: Path, png: Path, *, warn: Callable[[str], None] = lambda _: None) -> Path:
+    """Draw a run into a PNG and return its path; report each damage of the log with ``warn``.
 
     Raises:
         LogReadError: the log cannot be read.
@@ -39,6 +40,8 @@ def draw_run(log: Path, png: Path) -> Path:
     """
     figure = blank(8.0, 8.6)
     track = load_track(log)
+    for problem in track.problems:
+        warn(problem)
     axes = figure.add_subplot()
     draw_floor(axes, track)
     draw_path(axes, track)

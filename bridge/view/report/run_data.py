@@ -282,7 +282,8 @@ class _Gatherer:
         if second != self._second:
             self._lost[self._second] += self._losses.update()
             self._second = second
-        self._losses.add(message.sequence)
+        boot_id = message.decoded.boot_id if name == "hello" else None
+        self._losses.add(message.sequence, boot_id)
 
     def _status(self, time_s: float, status: Any) -> None:  # noqa: ANN401 - type of a decoded value
         if status.stop_cause != self._stop:

@@ -39,6 +39,8 @@ class RunTrack:
     summary: dict[str, Any]
     start_ns: int = 0
     """Unix time of the log's first pose, ns; 0 if there is none."""
+    problems: tuple[str, ...] = ()
+    """Damage of the log, one line each."""
 
     @property
     def best(self) -> list[tuple[float, Pose2]]:
@@ -69,6 +71,7 @@ def load_track(path: Path) -> RunTrack:
         estimate,
         reader.summary or {},
         first_ns,
+        tuple(reader.problems),
     )
 
 

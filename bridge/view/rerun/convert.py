@@ -229,7 +229,8 @@ class _AnyOf:
         self._topics = topics
 
     def __contains__(self, topic: object) -> bool:
-        return topic in self._topics or str(topic).startswith(("/device/", "/raw/uart/rx"))
+        raw = ("/device/", "/raw/uart/rx", "/raw/can")
+        return topic in self._topics or str(topic).startswith(raw)
 
 
 class _LinkHealth:
@@ -246,9 +247,7 @@ class _LinkHealth:
     def count(self, message: LogMessage) -> None:
         """Count a message of the device, or received bytes."""
         topic = message.channel.topic
-        device, received = topic.startswith("/device/"), topic == "/raw/uart/rx"
-        if not device and not received:
-            return
+        device = topic.startswith("/device/")
         if self._second_ns == 0:
             self._second_ns = message.log_ns
         if message.log_ns - self._second_ns > _LONGEST_GAP_NS:
@@ -258,11 +257,14 @@ class _LinkHealth:
             lost = self._losses.update()
             self._series.add(self._second_ns, self._frames, self._bytes / 1e3, lost)
             self._frames = self._bytes = 0
-        if received:
+        if device:
+            self._frames += 1
+            boot_id = message.decoded.boot_id if topic == "/device/hello" else None
+            self._losses.add(message.sequence, boot_id)
+        elif topic == "/raw/uart/rx":
             self._bytes += len(message.data)
-            return
-        self._frames += 1
-        self._losses.add(message.sequence)
+        elif topic == "/raw/can" and not message.decoded.outgoing:
+            self._bytes += len(message.decoded.data)
 
     def send(self, recording: RerunRecording) -> None:
         """Send the collected values, if any."""

@@ -32,7 +32,7 @@ _INTERRUPTED = {-2, 130}
 """Exit statuses after Ctrl-C, which is the usual end of a viewer in the foreground."""
 
 
-def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False) -> LogReader:
+def open_viewer(path: Path, *, save: Path | None = None) -> LogReader:
     """Show a run, or save it as a Rerun file. Return the log's reader, which reports damage.
 
     The run is first converted to a Rerun file. The viewer reads this file, so it cannot change the
@@ -41,7 +41,6 @@ def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False
     Args:
         path: the run's MCAP file.
         save: write a Rerun file (``.rrd``) with the blueprint to this path, and open nothing.
-        serve_web: serve the viewer to a browser on this machine instead of opening a window.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
@@ -55,12 +54,12 @@ def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False
         raise ViewerMissingError
     if save is not None:
         return write_rerun_file(path, save)
-    if not serve_web and not has_display():
+    if not has_display():
         raise NoDisplayError(_INSTEAD)
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
         file = Path(folder) / f"{readable_name(path.stem)}.rrd"
         reader = write_rerun_file(path, file)
-        _run_viewer(viewer_command(file, serve_web=serve_web))
+        _run_viewer(viewer_command(file))
     return reader
 
 
@@ -99,15 +98,15 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
     return run.reader
 
 
-def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
+def viewer_command(file: Path) -> list[str]:
     """Return the command line of a viewer that listens on the loopback interface only.
 
     Raises:
         ViewerMissingError: Rerun is not installed, or without its viewer.
 
     """
-    command = [str(viewer_program()), str(file), "--bind", _LOOPBACK, "--new"]
-    return [*command, "--serve-web"] if serve_web else [*command, "--hide-welcome-screen"]
+    viewer = str(viewer_program())
+    return [viewer, str(file), "--bind", _LOOPBACK, "--new", "--hide-welcome-screen"]
 
 
 def viewer_program() -> Path:

@@ -40,7 +40,7 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
         reader = write_rerun_file(path, file)
         port = free_tcp_port()
         command = [
-            *(part for part in viewer_command(file, serve_web=False) if part != "--new"),
+            *(part for part in viewer_command(file) if part != "--new"),
             *("--headless", "--port", str(port)),
         ]
         with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours

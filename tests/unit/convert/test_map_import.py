@@ -109,6 +109,7 @@ def test_unknown_floor_is_no_floor(tmp_path: Path) -> None:
         ({"image": "flat.yaml"}, "is no image that can be read"),
         ({"origin": "3"}, "origin: must be"),
         ({"negate": 7}, "negate: 7 is not 0 or 1"),
+        ({"negate": [0]}, r"negate: \[0\] is not 0 or 1"),
         ({"occupied_thresh": 0.1}, "occupied_thresh: 0.1 is below free_thresh, 0.196"),
         ({"image": '"m\\0.pgm"'}, "image: must be the name"),
         ({"x": "2020-13-45"}, "flat.yaml is not valid YAML: line 7: '2020-13-45' is no timestamp"),

@@ -6,6 +6,7 @@ import os
 import shutil
 import sqlite3
 import struct
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,7 +14,7 @@ from mcap.reader import make_reader
 
 from bridge.library import entry
 from bridge.library.columns import NAMES
-from bridge.library.errors import IndexDamagedError, LibraryError
+from bridge.library.errors import IndexBusyError, IndexDamagedError, LibraryError
 from bridge.library.index import FILE_NAME
 from bridge.library.library import Library, mark_run
 from bridge.library.selection import Selection
@@ -332,3 +333,16 @@ def test_a_name_that_is_not_utf8_is_listed(tmp_path: Path) -> None:
     (run,) = library.select(Selection())
     assert run.path == tmp_path / name
     assert run.values["log"].endswith("n\ufffd\ufffd.mcap")
+
+
+def test_an_index_in_use_is_not_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_log(tmp_path / "a.mcap")
+    listed(tmp_path)
+    monkeypatch.setattr("bridge.library.index._WAIT_S", 0.05)
+    with closing(sqlite3.connect(tmp_path / FILE_NAME, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(IndexBusyError, match=rf"{FILE_NAME} cannot be used: .*; try again"):
+            mark_run(path, add=("a",))
+    assert mark_run(path, add=("a",)).tags == ("a",)
