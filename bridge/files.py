@@ -56,6 +56,29 @@ def check_target(path: Path) -> None:
         _check_regular(path, found.st_mode)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file completely or not at all. A link stays a link.
+
+    Raises:
+        OSError: the file cannot be written; an existing file is then unchanged.
+
+    """
+    check_target(path)
+    target = path.resolve()
+    if target.exists() and not target.is_file():  # /dev/null
+        target.write_bytes(content)
+        return
+    draft = target.with_name(f".sweepctl-{os.getpid()}.part")
+    try:
+        draft.write_bytes(content)
+        if target.exists():
+            draft.chmod(stat.S_IMODE(target.stat().st_mode))
+        draft.replace(target)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+
+
 def writing_mode(path: Path, *, force: bool) -> Literal["wb", "xb"]:
     """Return the mode that creates a file, and replaces one only with ``force``.
 

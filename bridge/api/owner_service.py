@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from bridge.api.exchange import LoopExchange
 from bridge.api.owner_view import SnapshotWriter
 from bridge.config import to_toml
-from bridge.errors import BridgeError, NoOwnerError, shown
+from bridge.errors import BridgeError, NoDeviceError, NoOwnerError, shown
 from bridge.io import clock
 from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending
@@ -66,6 +66,11 @@ class OwnerService:
 
         """
         what, ours = request.get("do"), self._client
+        node, own = request.get("node"), self._host.session.node
+        if node not in {None, own} and what != "stop":
+            raise NoDeviceError(
+                f"the port's owner is connected to node {own}, not to {shown(node)}"
+            )
         match what:
             case "stop":
                 return self._stop(requester)
@@ -118,12 +123,13 @@ class OwnerService:
     def _stop(self, requester: str) -> dict[str, Any]:
         reason = f"stopped by another process ({requester})"
         ending = Ending("stopped", reason, 5, StopCause.OPERATOR)
+        node = self._host.session.node
         self._pump.request_end(ending)
         result = self._pump.wait_over(CONFIRM_S)
         if result is None:
             raise NoOwnerError("the run did not end in time; switch the robot off")
         confirmed = result.confirmed >= ending.cause
-        return {"confirmed": confirmed, "ending": result.ending.reason}
+        return {"confirmed": confirmed, "ending": result.ending.reason, "node": node}
 
 
 def _name(request: dict[str, Any]) -> str | int:

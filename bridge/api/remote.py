@@ -72,7 +72,8 @@ def reach(  # noqa: PLR0913 - the options of a port
 ) -> ReachableRobot:
     """Connect to the robot on a port: through its owner, or by opening the port.
 
-    The options are the same as in :func:`bridge.open`. They apply to a port without an owner.
+    The options are the same as in :func:`bridge.open`. They apply to a port without an owner,
+    except ``node``: the owner rejects requests for another node than that of its session.
 
     Raises:
         PortError: the port cannot be opened, for example because another user's process has it.
@@ -80,7 +81,7 @@ def reach(  # noqa: PLR0913 - the options of a port
 
     """
     if has_owner(port):
-        return RemoteRobot(port)
+        return RemoteRobot(port, node)
     from bridge.api.robot import Robot  # noqa: PLC0415 - not needed for an owner's socket
 
     return Robot(port, node=node, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan, key=key)
@@ -93,8 +94,10 @@ class RemoteRobot:
     :class:`OwnerRejectedError` if that process or the device rejects the request.
     """
 
-    def __init__(self, port: str) -> None:
+    def __init__(self, port: str, node: int | None = None) -> None:
+        """Send requests to the owner of a port; it rejects them if its robot has another node."""
         self._port = port
+        self._whose = {} if node is None else {"node": node}
 
     def list_parameters(self) -> list[Parameter]:
         """Read all parameters, sorted by number."""
@@ -148,7 +151,7 @@ class RemoteRobot:
             return self._ask(what, **fields)
 
     def _ask(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
-        return ask(self._port, {"do": what, **fields})
+        return ask(self._port, {"do": what, **self._whose, **fields})
 
     def __enter__(self) -> Self:
         return self

@@ -223,7 +223,7 @@ class BringupSession:
 
     def _check(self) -> None:
         if self._interrupted:
-            raise InterruptedByPersonError("ended by Ctrl-C")
+            raise InterruptedByPersonError("interrupted")
         if self._unsafe:
             raise StoppedForSafetyError(self._unsafe)
         if self._failed is not None:

@@ -153,8 +153,8 @@ def check_leg(planner: object, leg: object) -> None:
         low = _LOWEST.get(each.name)
         if low is not None and value is not None and not float(value) >= low:
             raise PlannerError(
-                f"{name}: its leg {type(leg).__name__} has {each.name} = {value:g}; it must be at "
-                f"least {low:g}"
+                f"{name}: its leg {type(leg).__name__} has {each.name} = {shortened(value)}; "
+                f"it must be at least {low:g}"
             )
 
 

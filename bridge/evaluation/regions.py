@@ -12,8 +12,10 @@ from scipy import ndimage
 from bridge.evaluation.raster import Raster, crosses
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from bridge.evaluation.raster import Floats, Mask
-    from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan, Polygon
     from bridge.motion.robot_model import RobotModel
 
 _BOUNDARY_STEP_M = 0.001
@@ -87,8 +89,15 @@ def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
     circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     candidates.extend(corner + circle for corner in {(e[0], e[1]) for e in edges.tolist()})
     runs: list[Floats] = []
+    boxes = [_box(np.array(obstacle)) for obstacle in plan.obstacles]
     for points in candidates:
-        good = _clear(points, edges, radius - _SLACK_M) & _on_floor(points, plan)
+        low, high = _box(points)
+        near = [
+            obstacle
+            for obstacle, (begin, end) in zip(plan.obstacles, boxes, strict=True)
+            if (begin <= high).all() and (end >= low).all()
+        ]
+        good = _clear(points, edges, radius - _SLACK_M) & _on_floor(points, plan.walls, near)
         starts = np.flatnonzero(good & ~np.concatenate([[False], good[:-1]]))
         ends = np.flatnonzero(good & ~np.concatenate([good[1:], [False]])) + 1
         runs.extend(points[i:j] for i, j in zip(starts, ends, strict=True))
@@ -98,12 +107,10 @@ def _boundary(plan: FloorPlan, edges: Floats, radius: float) -> list[Floats]:
 def _clear(points: Floats, edges: Floats, min_m: float) -> Mask:
     """Return a mask of the points with a distance of at least ``min_m`` metres from every edge."""
     good = np.ones(len(points), dtype=np.bool_)
-    low, high = points.min(axis=0) - min_m, points.max(axis=0) + min_m
-    for ax, ay, bx, by in edges:
-        if max(ax, bx) < low[0] or min(ax, bx) > high[0]:
-            continue
-        if max(ay, by) < low[1] or min(ay, by) > high[1]:
-            continue
+    low, high = _box(points)
+    begins, ends = edges[:, :2], edges[:, 2:]
+    near = (np.maximum(begins, ends) >= low - min_m) & (np.minimum(begins, ends) <= high + min_m)
+    for ax, ay, bx, by in edges[near.all(axis=1)]:
         x, y = points[:, 0] - ax, points[:, 1] - ay
         ex, ey = bx - ax, by - ay
         along = np.clip((x * ex + y * ey) / (ex * ex + ey * ey), 0.0, 1.0)
@@ -111,7 +118,12 @@ def _clear(points: Floats, edges: Floats, min_m: float) -> Mask:
     return good
 
 
-def _on_floor(points: Floats, plan: FloorPlan) -> Mask:
+def _box(points: Floats) -> tuple[Floats, Floats]:
+    """Return the lowest and the highest coordinates of points."""
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _on_floor(points: Floats, walls: Polygon, obstacles: Iterable[Polygon]) -> Mask:
     """Return a mask of the points inside the walls and outside the obstacles."""
 
     def inside(corners: tuple[tuple[float, float], ...]) -> Mask:
@@ -121,8 +133,8 @@ def _on_floor(points: Floats, plan: FloorPlan) -> Mask:
                 found ^= crosses(points[:, 0], points[:, 1], a, b)
         return found
 
-    floor = inside(plan.walls)
-    for obstacle in plan.obstacles:
+    floor = inside(walls)
+    for obstacle in obstacles:
         floor &= ~inside(obstacle)
     return floor
 

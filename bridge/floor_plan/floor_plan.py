@@ -371,7 +371,7 @@ class _Reading:
             return
         for key in data:
             near = None if key in known else nearest(key, known, _RESEMBLES)
-            if near is not None and near not in data:
+            if near is not None:
                 self._cautions.append(
                     f'"{prefix}{key:.40}" is no key of a room file and is ignored; '
                     f'did you mean "{prefix}{near}"?'

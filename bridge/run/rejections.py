@@ -28,6 +28,8 @@ def rejection_text(reason: int) -> str:
     name = label(NackReason, reason)
     if reason == NackReason.NOT_AUTHENTICATED:
         return f"{name}; the robot requires a key"
+    if reason == NackReason.OTHER_MODE:
+        return f"{name}; not in the device's present mode: stop the robot first (sweepctl stop)"
     return name
 
 

@@ -97,7 +97,7 @@ class StopEverything(StopRequest):
     """The stop of every device on the port. Every sender sends the same bytes.
 
     Every detected device must report the latched cause ``operator`` or a higher cause. On a bus,
-    the devices are known only after :data:`GATHER_NS`.
+    the devices are known only :data:`GATHER_NS` after the first message of the last of them.
     """
 
     def __init__(self, link: type[LinkBase], node: int | None = None) -> None:
@@ -107,7 +107,7 @@ class StopEverything(StopRequest):
         self._latched: dict[int, bool] = {} if node is None else {node: False}
         self._gathers = self._link.medium is Medium.CAN
         self._begun_ns: HostNs | None = None
-        self._now_ns = HostNs(0)
+        self._known_ns = self._now_ns = HostNs(0)
 
     @property
     def confirmed(self) -> list[int]:
@@ -124,7 +124,7 @@ class StopEverything(StopRequest):
         """Lowest node of the known devices if all of them report the latched stop, else None."""
         if not self.confirmed or self.missing or self._begun_ns is None:
             return None
-        if self._gathers and self._now_ns - self._begun_ns < GATHER_NS:
+        if self._gathers and self._now_ns - max(self._begun_ns, self._known_ns) < GATHER_NS:
             return None
         return self.confirmed[0]
 
@@ -141,6 +141,8 @@ class StopEverything(StopRequest):
 
     def _take(self, event: Received) -> None:
         node, message = event.frame.node, event.message
+        if node not in self._latched:
+            self._known_ns = self._now_ns
         known = self._latched.setdefault(node, False)
         if self._begun_ns is not None and isinstance(message, Status) and not known:
             self._latched[node] = message.stop_cause >= StopCause.OPERATOR

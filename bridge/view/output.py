@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.files import check_target
+from bridge.files import write_whole
 from bridge.record.errors import LogWriteError
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ def write(path: Path, content: bytes) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        check_target(path)
-        path.write_bytes(content)
+        write_whole(path, content)
     except OSError as error:
         raise LogWriteError.of(path, error) from None

@@ -94,4 +94,5 @@ class Stopper:
         self._write.close()
 
     def __del__(self) -> None:
-        self.close()
+        with suppress(AttributeError):  # a Ctrl-C has ended the constructor
+            self.close()

@@ -40,6 +40,17 @@ def test_a_stop_that_ctrl_c_cuts_off_is_not_done(
     assert printed == f"sweepctl: {expected}"
 
 
+def test_a_confirmed_stop_stays_confirmed_after_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("bridge.io.stopping.stop_device", lambda *_: [1])
+    monkeypatch.setattr("tools.commands.stop.inform", interrupt)
+    assert run(["stop", str(tmp_path / "port"), "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["confirmed"] is True
+    assert "not confirmed" not in printed.err
+
+
 class Robot:
     """A robot that accepts a key; Ctrl-C interrupts the closing of its port."""
 

@@ -13,7 +13,7 @@ from bridge.config import load_robot
 from bridge.convert.file_kinds import kind_of
 from bridge.convert.recover import recover
 from bridge.errors import BridgeError
-from bridge.files import check_target, open_to_read
+from bridge.files import check_target, open_to_read, write_whole
 from bridge.floor_plan.floor_plan import FloorPlanError
 from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.log_writer import RunWriter
@@ -112,3 +112,32 @@ def test_the_folder_that_is_missing_is_named(tmp_path: Path) -> None:
         RunWriter(folder / "a.mcap", run_info(), force=False)
     done = sweepctl("simulate", "empty", "--max-time", "1", "--out", folder / "a.mcap")
     assert f"there is no folder {folder}; make it first" in done.line
+
+
+def test_a_file_that_cannot_be_written_is_left_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, data: bytes) -> int:
+        with path.open("wb") as file:
+            file.write(data[:1])
+        raise OSError(28, "No space left on device")
+
+    old, new = tmp_path / "old", tmp_path / "new"
+    old.write_text("old")
+    monkeypatch.setattr(Path, "write_bytes", full)
+    for path in (old, new):
+        with pytest.raises(OSError, match="No space left"):
+            write_whole(path, b"text")
+    assert old.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [old]
+
+
+def test_a_link_stays_a_link_and_a_mode_stays_a_mode(tmp_path: Path) -> None:
+    real, link = tmp_path / "real", tmp_path / "link"
+    real.write_text("old")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    write_whole(link, b"new")
+    assert link.is_symlink()
+    assert (real.read_text(), real.stat().st_mode & 0o777) == ("new", 0o640)
+    write_whole(Path(os.devnull), b"nothing is kept")

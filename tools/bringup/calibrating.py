@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -127,14 +126,11 @@ def replace_file(path: Path, text: str) -> None:
 
     """
     from bridge.errors import ConfigError
+    from bridge.files import write_whole
 
-    path = path.resolve()  # the file, and not a link to it
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(path)
+        write_whole(path, text.encode())
     except OSError as error:
-        draft.unlink(missing_ok=True)
         raise ConfigError(f"cannot write {path}: {error.strerror or error}") from None
 
 

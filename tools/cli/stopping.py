@@ -25,7 +25,7 @@ def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, 
         NoDeviceError: a device has not confirmed the stop.
 
     """
-    from bridge.errors import BridgeError, NoOwnerError, PortError
+    from bridge.errors import BridgeError, NoDeviceError, NoOwnerError, PortError
     from bridge.io.owner_client import ask
     from bridge.io.reopening import Opener, PortOptions
     from bridge.io.stopping import stop_device
@@ -48,6 +48,12 @@ def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, 
             text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
             raise PortError(text) from None
     else:
+        if node not in {None, found.get("node")}:
+            text = (
+                f"{port}: node {node} has not confirmed the stop; the port's owner has stopped "
+                f"node {found.get('node')}"
+            )
+            raise NoDeviceError(text)
         if not found["confirmed"]:
             with contextlib.suppress(PortError):  # the owner's answer is returned
                 found = by_wire()

@@ -110,9 +110,13 @@ def command(  # noqa: PLR0913 - the options of a port
         examination = examine_port(
             port, target, duration_s, node=node, ask=not listen, ended=ended.is_set
         )
+    if ended.is_set() and examination.figures()["duration_s"] < _MIN_S:
+        raise KeyboardInterrupt  # too short for a finding
     return _report(target, "port", examination, as_json=as_json, note=note)
 
 
+_MIN_S = 2.0
+"""Minimum duration of an interrupted examination that is reported, s."""
 _OF_FILES = {"target", "as_json"}
 """Parameters of the command that a file takes, too."""
 

@@ -94,6 +94,7 @@ def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, for
     proto  protobuf declarations of the messages in a log
     md     specification: wire format, states, timing
     """  # noqa: D301 - after \b click keeps the line breaks of a paragraph
+    from bridge.files import write_whole
     from protocol.generate import render
 
     if node is not None and what not in PER_NODE:
@@ -107,14 +108,15 @@ def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, for
         options["behaviour"] = wire_behaviour()
     files = render(what, node=node or 1, **options)
     check_outputs([out / name for name in files], (), force=force)
+    path = out
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8", newline="\n")
+            write_whole(path, text.encode())
             write_line(str(path))
     except OSError as error:
-        print_error(f"cannot write {error.filename or out}: {error.strerror}")
+        print_error(f"cannot write {path}: {error.strerror}")
         return 1
     return 0

@@ -7,7 +7,8 @@ from typing import cast
 import click
 
 from tools.cli import options
-from tools.cli.console import inform, print_error, write_json
+from tools.cli.console import flush, inform, print_error, write_json
+from tools.cli.interrupt import set_done
 from tools.cli.port_options import port_argument
 
 
@@ -30,10 +31,19 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     found = stop_port(port, node, how)
     if as_json:
         write_json(found)
+        flush()
+    if found["confirmed"]:
+        set_done()  # Ctrl-C does not change the result any more
     if not found["confirmed"]:
-        print_error(f"{port}: {found['ending']}")
+        print_error(
+            f"{port}: the device has not confirmed the stop; switch the robot off (the run of the "
+            f"port's owner ended: {found['ending']})"
+        )
         return 3
     nodes = cast("list[int]", found.get("nodes", []))
-    several = f"nodes {', '.join(map(str, nodes))}" if len(nodes) > 1 else "the device"
-    inform(f"{port}: stopped, confirmed by {several}")
+    whose = "the device"
+    if len(nodes) > 1 or port.startswith("can:"):
+        listed = ", ".join(map(str, nodes or [found["node"]]))
+        whose = f"nodes {listed}" if len(nodes) > 1 else f"node {listed}"
+    inform(f"{port}: stopped, confirmed by {whose}")
     return 0

@@ -28,21 +28,22 @@ def room(**keys: object) -> str:
         ({"carpets": [{"polygon": TABLE, "drag": 3}]}, "carpets[0].drag", "carpets[0].drag_n"),
         (
             {"thresholds": [{"line": [[1, 0], [1, 1]], "height_m": 0.005, "lines": 1}]},
-            None,
-            None,
+            "thresholds[0].lines",
+            "thresholds[0].line",
         ),
     ],
 )
 def test_a_key_that_resembles_a_known_one_is_a_caution(
-    keys: dict[str, object], written: str | None, meant: str | None
+    keys: dict[str, object], written: str, meant: str
 ) -> None:
-    plan = parse_floorplan(room(**keys))
-    if written is None:
-        assert plan.cautions == ()
-    else:
-        (caution,) = plan.cautions
-        assert f'"{written}"' in caution
-        assert f'did you mean "{meant}"?' in caution
+    (caution,) = parse_floorplan(room(**keys)).cautions
+    assert f'"{written}"' in caution
+    assert f'did you mean "{meant}"?' in caution
+
+
+def test_a_misspelt_key_beside_the_right_one_is_a_caution() -> None:
+    (caution,) = parse_floorplan(room(obstacles=[], obstacle=[])).cautions
+    assert 'did you mean "obstacles"?' in caution
 
 
 def test_other_keys_are_allowed_in_silence() -> None:

@@ -200,12 +200,25 @@ def test_on_a_bus_every_detected_device_must_confirm() -> None:
     request.receive(b"", HostNs(1300 * MS))
     assert (request.confirmed_by, request.missing) == (None, [2])
     report(2, StopCause.HARDWARE, 1310)
+    request.receive(b"", HostNs(1390 * MS))
     assert (request.confirmed_by, request.missing) == (2, [])
     assert request.confirmed == [2, 3]
 
 
-def test_on_a_bus_the_devices_are_known_after_200_ms() -> None:
+def test_on_a_bus_the_devices_are_known_200_ms_after_the_last_of_them() -> None:
     request, device = StopEverything(CanLink), CanLink(Direction.DEVICE)
+    request.data_to_send(HostNs(BEGAN_NS))
+    for message in (Sync(0), LATCHED):
+        device.send(message, 0, node=3)
+    request.receive(device.data_to_send(), HostNs(BEGAN_NS + 5 * MS))
+    request.receive(b"", HostNs(BEGAN_NS + 205 * MS - 1))
+    assert request.confirmed_by is None
+    request.receive(b"", HostNs(BEGAN_NS + 205 * MS))
+    assert request.confirmed_by == 3
+
+
+def test_on_a_bus_the_confirmation_of_a_known_node_waits_for_others() -> None:
+    request, device = StopEverything(CanLink, 3), CanLink(Direction.DEVICE)
     request.data_to_send(HostNs(BEGAN_NS))
     for message in (Sync(0), LATCHED):
         device.send(message, 0, node=3)
