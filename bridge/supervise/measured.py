@@ -56,8 +56,6 @@ class Measured:
         samples, m/s."""
         self.step_s = 0.0
         """Time since the last step, s; 0 at the first step and after a gap."""
-        self.gap = False
-        """True if this step ends a gap."""
         self.left_m = self.right_m = 0.0
         """Distance of each wheel in this step, m."""
         self.wheel_turn_rad = 0.0
@@ -75,7 +73,6 @@ class Measured:
         dt = math.inf if before_s is None else now_s - before_s
         whole = 0.0 < dt <= GAP_S
         self.step_s = dt if whole else 0.0
-        self.gap = before_s is not None and not whole
         self.new_range = inputs.range is not self._range
         self._range = inputs.range
         self._roll(inputs.encoders, now_s, inputs.wheel_scale)

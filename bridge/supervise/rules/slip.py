@@ -99,7 +99,7 @@ class Slip:
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Evaluate a control step; return True if one of the comparisons fails."""
         self._slip_m_s = measured.slip_m_s
-        if measured.gap:  # the path in a gap is unknown
+        if not measured.step_s:  # the path in a gap is unknown
             self._run.forget()
         if measured.new_range:
             self._run.see(inputs, measured)

@@ -19,6 +19,7 @@ class Hand:
         self.rule = Slip(SlipRule(difference_m_s=0.015, share=share))
         self.measured = Measured(MODEL)
         self.measured.new_range = True
+        self.measured.step_s = 0.02
 
     def at(self, path_m: float, range_m: float, *, turn_rad: float = 0.0) -> bool:
         self.measured.distance_m, self.measured.turn_rad = path_m, turn_rad
@@ -54,6 +55,13 @@ def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
     hand = Hand()
     hand.run(closing=1 / 3)
     assert hand.rule.evidence()[1]["lost_share"] in {0.666, 0.667, 0.668}, "rounded to 0.001"
+
+
+def test_a_gap_ends_the_run() -> None:
+    hand = Hand()
+    for number in range(30):
+        hand.measured.step_s = 0.02 if number % 10 else 0.0
+        assert not hand.at(0.025 * number, 2.0), number
 
 
 def test_a_range_counts_up_to_3_5_m() -> None:
