@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 MAX_FILE_BYTES = 64 * 1024
 ROUNDING_M = 1e-6
 """Maximum length that counts as zero, m. It allows for rounded numbers in a robot file."""
+_TILT = math.sin(math.radians(2.0))
+"""Largest tilt of a side infrared sensor without a caution, as a sine."""
 MAX_OVERHANG = 0.5
 """Maximum distance of a sensor outside the hull, as a share of the radius. A larger distance is
 probably a typing error."""
@@ -85,6 +87,11 @@ def robot_cautions(model: RobotModel) -> list[str]:
             found.append(
                 f"{name}: the sensor is {1000 * overhang_m:.0f} mm outside the footprint; "
                 f"it hits walls before the hull does"
+            )
+        elif name.startswith("infrared") and abs(math.cos(mount.yaw_rad)) > _TILT:
+            found.append(
+                f"{name}.yaw_rad: the sensor does not look straight to its side; wall following "
+                f"expects ±{math.pi / 2:.4f} rad"
             )
         elif contact_m < mount.min_range_m - ROUNDING_M:
             found.append(

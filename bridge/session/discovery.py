@@ -52,4 +52,4 @@ class Answers:
         )
         if len({node for node, _ in answers}) < len(answers):
             return f"several devices answer; two have the same node, give each its own ({named})"
-        return f"several devices answer; choose one node ({named})"
+        return f"several devices answer: {named}"

@@ -152,8 +152,9 @@ def test_room_check_warns_of_crossings_strays_and_floor_that_is_cut_off(tmp_path
     done = sweepctl("room", "check", room, "--json")
     assert done.status == 0
     warnings = json.loads(done.out)["warnings"]
-    assert len(warnings) == 3
+    assert len(warnings) == 4
     for printed in (
+        'did you mean "obstacles"?',
         "obstacles[2]: its outline crosses itself near (1.31, 1.31)",
         "cliffs[0]: it lies outside the walls",
         "cannot get there from the start",

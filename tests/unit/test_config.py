@@ -172,8 +172,8 @@ def test_a_robot_that_cannot_work_is_rejected_by_name(text: str, key: str) -> No
     [
         # 0.16 − 0.14 = 20 mm
         ("[infrared_left]\ny_m = 0.14", "infrared_left: a wall that touches the robot is 20 mm"),
-        # at 45° a wall in contact is at 0.16 − 0.1061 = 54 mm: no caution
-        ("[infrared_left]\nyaw_rad = 0.7854", None),
+        ("[infrared_left]\nyaw_rad = 1.55", None),
+        ("[infrared_left]\nyaw_rad = 0.7854", "infrared_left.yaw_rad: the sensor does not look"),
         ("[ultrasonic]\nx_m = 0.15", "ultrasonic: a wall that touches the robot is 10 mm"),
         # the ultrasonic at 0.12 m, a radius of 0.1 m
         (

@@ -21,6 +21,10 @@ _EXACT = 9
 """Number of decimals of rounded values: a nanometre. Products then equal the documented values."""
 
 
+_TUNED_RADIUS_M = 0.16
+"""Radius of the robot for which the lengths of ``RecoveryOptions`` were tuned: the paper's, m."""
+
+
 def _exact(value: float) -> float:
     return round(value, _EXACT)
 
@@ -184,7 +188,7 @@ class PlannerGeometry:
     def from_model(cls, model: RobotModel, options: RecoveryOptions) -> PlannerGeometry:
         """Compute all values from a robot and the tuned ratios."""
         radius_m, width_m = model.radius_m, model.cleaning_width_m
-        scale = _exact(radius_m / 0.16)
+        scale = _exact(radius_m / _TUNED_RADIUS_M)
         cell_m = min(width_m / options.cells_per_width, radius_m / options.cells_per_radius)
         cell_m = _exact(min(max(cell_m, options.min_cell_m), options.max_cell_m))
         half_m = 0.5 * width_m - min(options.search_margin * width_m, options.max_search_margin_m)
