@@ -10,7 +10,7 @@ from tools.cli.console import plain_console, write_json
 from tools.experiment import report
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.paired_differences import matched
-from tools.experiment.store import write_csv
+from tools.experiment.store import write_csv, writing
 from tools.experiment.tables import room_file
 from tools.experiment.trials import TrialKind, is_made, room_of
 from tools.experiment.unswept_causes import CAUSES
@@ -38,35 +38,40 @@ def write_results(
     """Write all files of the results and return the tables.
 
     ``before`` contains results of another version of the code. They are compared run by run.
+
+    Raises:
+        ExperimentFolderError: a file cannot be written.
+
     """
-    write_csv(out / "runs.csv", rows)
-    swept = [row for row in rows if "curve" in row]
-    if swept:
-        write_csv(out / "curves.csv", _curves(swept))
-    cycles = [row for row in rows if row["kind"] == TrialKind.CYCLES]
-    if cycles:
-        points = [{"seed": row["seed"], **point} for row in cycles for point in row["offsets"]]
-        write_csv(out / "cycles.csv", points)
-        smoothing: list[list[float]] = next(
-            (row["smoothing"] for row in cycles if row.get("smoothing")), []
-        )
-        names = ("time_s", "before_m_s", "after_m_s")
-        write_csv(out / "smoothing.csv", [dict(zip(names, p, strict=True)) for p in smoothing])
-    limits = [row for row in rows if "loss" in row]
-    if limits:
-        losses = [
-            {**_named(row), **{cause.replace(" ", "_"): row["loss"][cause] for cause in CAUSES}}
-            for row in limits
-        ]
-        write_csv(out / "losses.csv", losses)
-    _write_rooms(out / "rooms", rows)
-    made = report.all_tables(rows, str(out / "rooms"))
-    pairs = matched(before or (), rows)
-    if before is not None:
-        made = [*versions_tables(pairs, version_of(before), version_of(rows)), *made]
-    (out / "tables.md").write_text(report.markdown(made), encoding="utf-8")
-    page = report.render(title, command, rows, made, pairs)
-    (out / "report.html").write_text(page, encoding="utf-8")
+    with writing(out):
+        write_csv(out / "runs.csv", rows)
+        swept = [row for row in rows if "curve" in row]
+        if swept:
+            write_csv(out / "curves.csv", _curves(swept))
+        cycles = [row for row in rows if row["kind"] == TrialKind.CYCLES]
+        if cycles:
+            points = [{"seed": row["seed"], **point} for row in cycles for point in row["offsets"]]
+            write_csv(out / "cycles.csv", points)
+            smoothing: list[list[float]] = next(
+                (row["smoothing"] for row in cycles if row.get("smoothing")), []
+            )
+            names = ("time_s", "before_m_s", "after_m_s")
+            write_csv(out / "smoothing.csv", [dict(zip(names, p, strict=True)) for p in smoothing])
+        limits = [row for row in rows if "loss" in row]
+        if limits:
+            losses = [
+                {**_named(row), **{cause.replace(" ", "_"): row["loss"][cause] for cause in CAUSES}}
+                for row in limits
+            ]
+            write_csv(out / "losses.csv", losses)
+        _write_rooms(out / "rooms", rows)
+        made = report.all_tables(rows, str(out / "rooms"))
+        pairs = matched(before or (), rows)
+        if before is not None:
+            made = [*versions_tables(pairs, version_of(before), version_of(rows)), *made]
+        (out / "tables.md").write_text(report.markdown(made), encoding="utf-8")
+        page = report.render(title, command, rows, made, pairs)
+        (out / "report.html").write_text(page, encoding="utf-8")
     return made
 
 

@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import weakref
+from contextlib import contextmanager
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -38,6 +39,15 @@ class ExperimentFolderError(BridgeError):
     """The folder cannot be written, or contains results of another version."""
 
     exit_status = 1
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Turn a failed write, for example to a full disk, into an error that names the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise ExperimentFolderError(f"cannot write {folder}: {error.strerror}") from None
 
 
 def code_version(planners: Iterable[str] = ()) -> str:
@@ -169,18 +179,25 @@ class Store:
         return [trial for trial in trials if trial.key not in self._rows]
 
     def add(self, trial: Trial, row: Row) -> None:
-        """Write one result to the file at once."""
+        """Write one result to the file at once.
+
+        Raises:
+            ExperimentFolderError: it cannot be written.
+
+        """
         row = {"key": trial.key, "version": self._version, **asdict(trial), **row}
         # through JSON, so that a new result equals one that was read from the file
         row = json.loads(json.dumps(row))
         self._rows[trial.key] = row
-        with (self.folder / LINES).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-        self._parts.add(row)
+        with writing(self.folder):
+            with (self.folder / LINES).open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+            self._parts.add(row)
 
     def seal(self) -> None:
         """Complete the Parquet dataset with the results so far."""
-        self._parts.seal()
+        with writing(self.folder):
+            self._parts.seal()
 
     def rows(self, trials: Iterable[Trial]) -> list[Row]:
         """Return the results in the order of the trials."""

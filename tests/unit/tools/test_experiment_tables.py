@@ -7,8 +7,9 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from subprocess import PIPE
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -52,9 +53,6 @@ from tools.experiment.trials import (
 )
 from tools.experiment.zimablue_run import enlarged
 from tools.rooms.layouts import LAYOUT, LAYOUTS
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def row(planner: str = "paper", seed: int = 0, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - any column
@@ -265,6 +263,14 @@ def test_results_of_other_code_or_another_time_limit_are_not_mixed(tmp_path: Pat
         Store(tmp_path, "2")
     assert Store(tmp_path, "2", force=True).missing([trial]) == [trial]
     assert code_version() == code_version()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux")
+def test_a_full_disk_is_named_with_the_folder(tmp_path: Path) -> None:
+    store = Store(tmp_path, "1")
+    (tmp_path / LINES).symlink_to("/dev/full")
+    with pytest.raises(ExperimentFolderError, match=rf"cannot write {tmp_path}: No space left"):
+        store.add(Trial("case-1", "paper", "none", 0, 60.0), {})
 
 
 def test_a_changed_room_file_is_another_trial(tmp_path: Path) -> None:
