@@ -66,11 +66,8 @@ class OwnerService:
 
         """
         what, ours = request.get("do"), self._client
-        node, own = request.get("node"), self._host.session.node
-        if node not in {None, own} and what != "stop":
-            raise NoDeviceError(
-                f"the port's owner is connected to node {own}, not to {shown(node)}"
-            )
+        if what != "stop":
+            self._check_node(request.get("node"))
         match what:
             case "stop":
                 return self._stop(requester)
@@ -85,6 +82,18 @@ class OwnerService:
             case _:
                 return self._answer_for(what, request)
         return {}
+
+    def _check_node(self, node: object) -> None:
+        """Check that a request is not for another node than that of the session.
+
+        Raises:
+            NoDeviceError: it is for another node.
+
+        """
+        own = self._host.session.node
+        if node is not None and node != own:
+            has = "has no device yet" if own is None else f"is connected to node {own}"
+            raise NoDeviceError(f"the port's owner {has}; the request is for node {shown(node)}")
 
     def _answer_for(self, what: object, request: dict[str, Any]) -> dict[str, Any]:
         ours = self._client

@@ -162,6 +162,7 @@ class Squares:
         self._session, self._person, self._measure = session, person, measure
         self._model = model
         self._clear_stop = clear_stop
+        self._driven = False
 
     def run(self, asked: Asked) -> SquareResult:
         """Drive the squares and compute the correction.
@@ -213,7 +214,8 @@ class Squares:
 
     def _confirm(self, text: str) -> None:
         if not self._person.confirm(text):
-            raise BridgeError("ended: nothing was changed")
+            driven = "" if self._driven else "nothing was driven and "
+            raise BridgeError(f"ended: {driven}nothing changed")
 
     def _straight(
         self, model: RobotModel, asked: Asked
@@ -245,6 +247,7 @@ class Squares:
     ) -> tuple[tuple[int, int], ...]:
         """Drive legs by wheel odometry only; return the encoder counts."""
         session = self._session
+        self._driven = True
         session.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
         tuned = replace(model, cruise_speed_m_s=min(asked.speed_m_s, model.max_speed_m_s))
         wheels, executor = Wheels(session, model), LegExecutor(tuned)

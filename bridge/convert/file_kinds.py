@@ -18,7 +18,8 @@ _SNIFFED = 1 << 16
 _LINE = 512
 """Maximum length of the first line, bytes."""
 LOG_LINE = re.compile(
-    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)(?=\s|$)"
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(R)[0-9A-Fa-f]?)?"
+    rb"((?:[0-9A-Fa-f]{2})*)(?:_[0-9A-Fa-f])?(?=\s|$)"
 )
 """Pattern of a line of ``candump -l`` and ``-L``."""
 SHOWN_LINE = re.compile(

@@ -77,7 +77,8 @@ def compare(path: Path) -> Redecoded:
     """
     reader = LogReader(path)
     if is_version_1(reader):
-        raise LogReadError(path, "its bytes are of version 0.1, which this version reads only")
+        why = "its bytes are of version 0.1; sweepctl reads them, but cannot compare them"
+        raise LogReadError(path, why)
     recorded: dict[str, list[Decoded]] = defaultdict(list)
     for message in reader.messages(_DeviceTopics()):
         topic = message.channel.topic

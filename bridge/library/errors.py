@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY}
+"""Result codes of a healthy index that cannot be used now."""
+
+
 class LibraryError(BridgeError):
     """The library cannot use a folder, selection, tag or name."""
 
@@ -44,5 +48,5 @@ class IndexDamagedError(LibraryError):
 
 def index_error(path: Path, error: sqlite3.DatabaseError) -> LibraryError:
     """Return the error for an exception of the database."""
-    kind = IndexBusyError if isinstance(error, sqlite3.OperationalError) else IndexDamagedError
+    kind = IndexBusyError if error.sqlite_errorcode & 0xFF in _BUSY else IndexDamagedError
     return kind(path, str(error))

@@ -96,7 +96,7 @@ class FolderIndex:
         """Open or create the index. If the folder is read-only, the index exists only in memory.
 
         Raises:
-            IndexDamagedError: the file exists but is not an index.
+            LibraryError: the file is not an index, or cannot be used now.
 
         """
         self.folder = folder

@@ -74,8 +74,7 @@ class Library:
             read: Reads logs that are new or have changed.
 
         Raises:
-            LibraryError: a folder does not exist or cannot be read.
-            IndexDamagedError: an index cannot be used.
+            LibraryError: a folder does not exist or cannot be read, or an index cannot be used.
 
         """
         with ExitStack() as stack:
@@ -180,9 +179,8 @@ def mark_run(
         note: New note; empty: remove the note; None: do not change the note.
 
     Raises:
-        LibraryError: a tag or the note is invalid, the log does not exist, or its folder cannot be
-            written.
-        LibraryError: the index cannot be used.
+        LibraryError: a tag or the note is invalid, the log does not exist, or its folder or its
+            index cannot be used.
 
     """
     for tag in (*add, *remove):

@@ -28,8 +28,6 @@ def rejection_text(reason: int) -> str:
     name = label(NackReason, reason)
     if reason == NackReason.NOT_AUTHENTICATED:
         return f"{name}; the robot requires a key"
-    if reason == NackReason.OTHER_MODE:
-        return f"{name}; not in the device's present mode: stop the robot first (sweepctl stop)"
     return name
 
 
@@ -80,6 +78,9 @@ def check_outcome(what: str, outcome: Outcome | None, signs: Callable[[], bool])
         return
     if outcome.reason is None:
         raise NoAnswerError(what, signed=signs())
-    error = CommandRejectedError(what, rejection_text(outcome.reason))
+    text = rejection_text(outcome.reason)
+    if outcome.reason == NackReason.OTHER_MODE:
+        text += "; the device does not do this in its present mode: run sweepctl stop first"
+    error = CommandRejectedError(what, text)
     error.remedy = rejection_remedy(outcome.reason)
     raise error

@@ -11,11 +11,12 @@ from bridge.errors import ConfigError
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
+from bridge.record.reader import MISREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bridge.record.reader import LogReader
+    from bridge.record.reader import LogMessage, LogReader
 
 _T = TypeVar("_T", int, float)
 _MAX_WAITING = 500
@@ -39,6 +40,16 @@ def robot_of(reader: LogReader) -> RobotModel:
         return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
     except (KeyError, ConfigError):
         return RobotModel()
+
+
+def boot_id_of(message: LogMessage) -> int | None:
+    """Return the boot id of a recorded hello, or None for another or unreadable message."""
+    if message.topic != "/device/hello":
+        return None
+    try:
+        return int(message.decoded.boot_id)
+    except (AttributeError, TypeError, *MISREAD):
+        return None
 
 
 class LossCounter:

@@ -30,7 +30,7 @@ def test_parameters_and_reboots_are_for_the_node_of_the_owner(served: Served) ->
         ):
             rejected = sweepctl(*request, "--node", "3")
             assert rejected.status == 3, request
-            assert "connected to node 1, not to 3" in rejected.err
+            assert "connected to node 1; the request is for node 3" in rejected.err
         assert robot.get_parameter("max_speed").value == before
         own = sweepctl("param", "set", served.port, "max_speed", "0.21", "--node", "1")
         assert own.status == 0, own.err
@@ -43,4 +43,4 @@ def test_a_stop_of_another_node_stops_the_owner_s_robot_and_is_not_confirmed(
     with bridge.open(served.port):
         stopped = sweepctl("stop", served.port, "--node", "3")
     assert stopped.status == 3
-    assert "node 3 has not confirmed the stop; the port's owner has stopped node 1" in stopped.err
+    assert "node 3 has not confirmed the stop; its owner has stopped node 1" in stopped.err

@@ -48,13 +48,11 @@ def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, 
             text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
             raise PortError(text) from None
     else:
-        if node not in {None, found.get("node")}:
-            text = (
-                f"{port}: node {node} has not confirmed the stop; the port's owner has stopped "
-                f"node {found.get('node')}"
-            )
-            raise NoDeviceError(text)
-        if not found["confirmed"]:
+        other = node not in {None, found.get("node")}
+        if other or not found["confirmed"]:
             with contextlib.suppress(PortError):  # the owner's answer is returned
-                found = by_wire()
+                return {"port": port, **by_wire()}
+        if other:
+            whose = f"; its owner has stopped node {found['node']}" if found["confirmed"] else ""
+            raise NoDeviceError(f"{port}: node {node} has not confirmed the stop{whose}")
     return {"port": port, **found}

@@ -101,9 +101,10 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError(
             "give --json (one object at the end) or --jsonl (one for each message), not both"
         )
-    machine = "--json" if as_json else "--jsonl" if jsonl else ""
-    if machine and (lines or raw):
-        raise click.UsageError(f"{machine} is for machines: omit {'--lines' if lines else '--raw'}")
+    if lines and (as_json or jsonl):
+        raise click.UsageError(f"--lines is for people: omit {'--json' if as_json else '--jsonl'}")
+    if raw and as_json:
+        raise click.UsageError("--json prints no messages: omit --raw, or use --jsonl")
     try:
         monitor = Monitor(link_of(port.name), types=types, node=port.node)
     except UnknownTypeError as error:

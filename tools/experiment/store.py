@@ -47,7 +47,7 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ExperimentFolderError(f"cannot write {folder}: {error.strerror}") from None
+        raise ExperimentFolderError(f"cannot write {folder}: {error.strerror or error}") from None
 
 
 def code_version(planners: Iterable[str] = ()) -> str:

@@ -82,6 +82,7 @@ class EvidenceMap:
         self._visited_at = (x, y)
         self._low, self._high = [x, y], [x, y]
         self.cliffs = Cliffs(options, geometry)
+        self._jump_cells = options.jump_s * model.max_speed_m_s * self._per_m
         self._guessed: list[tuple[float, float]] = []
         """Points of obstacles in the map whose only evidence is a bump, m."""
         self._readings: tuple[float | None, float | None] = (None, None)
@@ -137,7 +138,7 @@ class EvidenceMap:
         self.swept_cells = self.geometry.swept_cells(obs.lateral_sigma_m)
         moved = abs(x - lx) + abs(y - ly)
         if moved > options.moved_cells or turned > options.turned_rad:
-            if moved < options.jump_m * self._per_m:  # the robot has not driven a jump of the pose
+            if math.hypot(x - lx, y - ly) < self._jump_cells:  # a jump is not driven
                 self.new_cells += sweep(
                     self.swept,
                     lx,

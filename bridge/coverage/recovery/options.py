@@ -132,9 +132,9 @@ class RecoveryOptions:
     """Maximum number of decisions in a plan."""
     moved_cells: float = 0.25
     """Motion after which the floor under the mouth is marked, cells."""
-    jump_m: float = 0.1
-    """Motion between two observations from which it is a jump of the pose, m. The robot drives at
-    most 3 cm in the longest usual interval, 0.1 s."""
+    jump_s: float = 1.0
+    """Motion between two observations from which it is a jump of the pose, in s of driving at top
+    speed. A loss of the link of 1 s ends the drive."""
     turned_rad: float = 0.02
     """Turn after which the floor under the mouth is marked, rad."""
     strong_m: float = 0.12

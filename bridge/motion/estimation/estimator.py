@@ -149,7 +149,7 @@ class PoseEstimator:
 
     @property
     def known(self) -> bool:
-        """True if the pose is valid. False after an encoder gap above 10 s, until :meth:`reset`."""
+        """True if the pose is valid. False after a long encoder gap, until :meth:`reset`."""
         return self._known
 
     @property

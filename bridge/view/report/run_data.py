@@ -14,7 +14,7 @@ from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.run.mission import Phase
 from bridge.session.event_kinds import EventKind
 from bridge.view.report.run_track import load_track
-from bridge.view.run_reading import LossCounter, PoseErrors
+from bridge.view.run_reading import LossCounter, PoseErrors, boot_id_of
 from protocol.messages.values import StopCause, fault_labels, label
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import RateClass
@@ -282,8 +282,7 @@ class _Gatherer:
         if second != self._second:
             self._lost[self._second] += self._losses.update()
             self._second = second
-        boot_id = message.decoded.boot_id if name == "hello" else None
-        self._losses.add(message.sequence, boot_id)
+        self._losses.add(message.sequence, boot_id_of(message))
 
     def _status(self, time_s: float, status: Any) -> None:  # noqa: ANN401 - type of a decoded value
         if status.stop_cause != self._stop:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -11,7 +12,7 @@ from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view.rerun import paths, planning, scene
 from bridge.view.rerun.columns import Document, RerunRecording, Series, States, TextLines
-from bridge.view.run_reading import LossCounter, PoseErrors, plan_of, robot_of
+from bridge.view.run_reading import LossCounter, PoseErrors, boot_id_of, plan_of, robot_of
 from protocol.messages.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
@@ -259,12 +260,12 @@ class _LinkHealth:
             self._frames = self._bytes = 0
         if device:
             self._frames += 1
-            boot_id = message.decoded.boot_id if topic == "/device/hello" else None
-            self._losses.add(message.sequence, boot_id)
+            self._losses.add(message.sequence, boot_id_of(message))
         elif topic == "/raw/uart/rx":
             self._bytes += len(message.data)
-        elif topic == "/raw/can" and not message.decoded.outgoing:
-            self._bytes += len(message.decoded.data)
+        elif topic == "/raw/can":
+            with contextlib.suppress(*MISREAD):
+                self._bytes += 0 if message.decoded.outgoing else len(message.decoded.data)
 
     def send(self, recording: RerunRecording) -> None:
         """Send the collected values, if any."""

@@ -27,6 +27,8 @@ CANDUMP_LOG = """\
 (1700000000.030500) can0 221#0400050006003412
 (1700000000.040000) can0 1ABCDEF0#11
 (1700000000.050000) can0 123#R
+(1700000000.055000) can0 124#R8
+(1700000000.057000) can0 125#1122334455667788_9
 (1700000000.060000) can0 123##1AABBCC
 (1700000000.070000) can0 123#AABBC
 not a line of candump
@@ -55,10 +57,10 @@ def test_a_candump_log_frame_by_frame(tmp_path: Path) -> None:
     with readable(dump) as made:
         frames = [(m.log_ns, m.decoded) for m in LogReader(made).messages({"/raw/can"})]
     assert [(ns - 1_700_000_000_000_000_000) // 1000 for ns, _ in frames] == [
-        *(10_200, 20_300, 30_000, 30_500, 40_000, 50_000)
+        *(10_200, 20_300, 30_000, 30_500, 40_000, 50_000, 55_000, 57_000)
     ], "the first has ten bytes, which is no classic frame"
     assert [frame.can_id for _, frame in frames] == [
-        *(0x101, 0x7FF, 0x121, 0x221, 0x9ABCDEF0, 0x4000_0123)
+        *(0x101, 0x7FF, 0x121, 0x221, 0x9ABCDEF0, 0x4000_0123, 0x4000_0124, 0x125)
     ]
     assert frames[2][1].data == bytes.fromhex("0100020003003412")
     assert not frames[2][1].outgoing
@@ -151,4 +153,4 @@ def test_an_impossible_time_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "candump.log"
     path.write_text("(9999999999.0) can0 123#00\n" + CANDUMP_LOG)
     with readable(path) as made:
-        assert len(list(LogReader(made).messages({"/raw/can"}))) == 6
+        assert len(list(LogReader(made).messages({"/raw/can"}))) == 8

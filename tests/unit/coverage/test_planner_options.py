@@ -54,7 +54,7 @@ def test_any_text_is_taken_or_reported_in_one_line(name: str, value: str) -> Non
     assert reported or name in option_names(LaneOptions)
 
 
-@given(st.sampled_from(["stop_range_m", "rest_s"]), st.floats(0.0, 1e6))
+@given(st.sampled_from(["stop_gap_m", "rest_s"]), st.floats(0.0, 1e6))
 def test_a_number_comes_back_to_the_digit(name: str, value: float) -> None:
     assert getattr(parse_options(LaneOptions, [f"{name}={value!r}"]), name) == value
 
@@ -63,7 +63,7 @@ def test_a_number_comes_back_to_the_digit(name: str, value: float) -> None:
     ("printed", "reported"),
     [
         (["end"], "'end' is not NAME=VALUE"),
-        (["fin=never"], "no option 'fin'; there are: side, end, stop_range_m"),
+        (["fin=never"], "no option 'fin'; there are: side, end, stop_gap_m"),
         (["end=soon"], "'end=soon': not one of last_partial_lane, blocked_step, never"),
         (["rest_s=-1"], "'rest_s=-1': not a number from 0"),
         (["rest_s=nan"], "not a number from 0"),

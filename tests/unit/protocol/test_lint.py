@@ -190,10 +190,10 @@ def test_a_message_name_that_a_log_or_the_c_code_uses(name: str) -> None:
 def test_field_names_that_other_columns_have() -> None:
     node = replace(RAW, name="node")
     again = replace(RAW, name="battery_v")
-    assert findings([with_more(Power, node, again)]) == [
+    assert {
         "power: the field name node is reserved",
         "power: two values have the name battery_v",
-    ]
+    } <= set(findings([with_more(Power, node, again)]))
 
 
 def test_every_other_name_of_logs_and_c_code_is_reserved() -> None:

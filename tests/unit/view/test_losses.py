@@ -2,7 +2,35 @@
 
 from __future__ import annotations
 
-from bridge.view.run_reading import LossCounter
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge.view.run_reading import LossCounter, boot_id_of
+
+
+class Foreign:
+    """A message without a decoder."""
+
+    topic = "/device/hello"
+
+    @property
+    def decoded(self) -> object:
+        raise ValueError("no decoder for 'json'")
+
+
+@pytest.mark.parametrize(
+    ("message", "boot_id"),
+    [
+        (SimpleNamespace(topic="/device/hello", decoded=SimpleNamespace(boot_id=7)), 7),
+        (SimpleNamespace(topic="/device/hello", decoded=SimpleNamespace()), None),
+        (SimpleNamespace(topic="/device/imu", decoded=SimpleNamespace(boot_id=7)), None),
+        (Foreign(), None),
+    ],
+)
+def test_only_a_readable_hello_has_a_boot_id(message: Any, boot_id: int | None) -> None:  # noqa: ANN401 - like a message
+    assert boot_id_of(message) == boot_id
 
 
 def lost(sequence: list[int]) -> int:

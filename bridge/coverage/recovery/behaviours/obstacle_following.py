@@ -63,6 +63,7 @@ def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Le
     ):
         return False
     away = bearing + (-QUARTER if left else QUARTER)
-    yield from turn(context, pose.theta_rad + away)
+    if (yield from turn(context, pose.theta_rad + away)):
+        return False
     yield from follow_perimeter(context, left=left, touching=True)
     return True

@@ -28,18 +28,25 @@ def _touches_only(result: LegResult, side: int) -> bool:
 
 def turn(
     context: RecoveryContext, heading_rad: float, min_rad: float = 0.0
-) -> Generator[Leg, Step]:
+) -> Generator[Leg, Step, bool]:
     """Turn in place to a heading, rad, if the turn is at least ``min_rad``.
 
     If a cliff appears during the turn, the robot backs off from it and continues the turn.
+
+    Returns:
+        True if a cliff appeared, so that the robot is no longer at its place.
+
     """
+    moved = False
     for _ in range(context.options.max_backs):
         if abs(wrap_angle(heading_rad - context.pose.theta_rad)) <= min_rad:
-            return
+            break
         step = yield Turn(wrap_angle(heading_rad), flowing=True, ends_at_cliff=True)
         if step.result.reason is not StopReason.CLIFF:
-            return
+            break
+        moved = True
         yield from react(context, step.result, step.result.pose.theta_rad)
+    return moved
 
 
 def follow_perimeter(
@@ -100,6 +107,8 @@ def follow_perimeter(
         if wall.distance_m > wall.min_m and unswept < options.fresh_share:
             reason = StopReason.CANCELLED
             break
-        yield from turn(context, heading)
+        if (yield from turn(context, heading)):
+            reason = StopReason.CLIFF
+            break
         touching = True
     context.record.emit(events.perimeter_ended(reason, wall.distance_m))

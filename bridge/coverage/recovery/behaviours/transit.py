@@ -108,7 +108,8 @@ def _seek_passage(
         return
     left = result.bumper_left
     away = context.evidence_map.bearing_rad(result) + (-QUARTER if left else QUARTER)
-    yield from turn(context, result.pose.theta_rad + away)
+    if (yield from turn(context, result.pose.theta_rad + away)):
+        return
     yield from follow_perimeter(
         context, left=left, touching=True, min_m=context.options.passage_m * context.geometry.scale
     )

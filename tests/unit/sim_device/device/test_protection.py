@@ -439,7 +439,7 @@ def test_without_a_crystal_it_reports_a_fault_and_stays_off_a_can_bus() -> None:
     bench.run(0.5)
     assert bench.status.faults & Fault.CLOCK
     assert "fault: clock" in bench.lines()
-    assert bench.last(Hello).reset_cause == ResetCause.WATCHDOG
+    assert bench.last(Hello).reset_cause == ResetCause.CRASH
     device = VirtualSweeper(OPEN_FLOOR, seed=3, link=CanLink)
     assert any(device.step(b"", t) for t in range(0, 2_000_000, 10_000))
     device.fail_crystal(0.0)
