@@ -29,7 +29,7 @@ def test_a_simulation_warns_and_logs_the_warning(tmp_path: Path) -> None:
     assert done.json["outcome"] == "timeout"
     lines = done.err.splitlines()
     assert len(lines) == 2
-    assert lines[0].startswith("warning: robot: infrared_left: a wall that touches the robot is 12")
+    assert lines[0].startswith("warning: robot: infrared_left: a wall that touches the robot is 20")
     assert lines[1].startswith('warning: room: "obstacle"')
     reported = [v.text for _, v in decoded(log, "/events") if v.kind == "caution"]
     assert [f"warning: robot: {reported[0]}", f"warning: room: {reported[1]}"] == lines

@@ -124,7 +124,7 @@ def test_a_damaged_robot(folder: Path, command: tuple[str, ...], what: str) -> N
 
 
 def test_a_robot_that_does_not_fit_the_room(folder: Path) -> None:
-    (folder / "robot.toml").write_text("robot_diameter_m = 1.9")
+    (folder / "robot.toml").write_text("robot_diameter_m = 0.75")
     done = sweepctl("simulate", "case-1", "--robot", "robot.toml")
     assert (done.status, "start" in done.line) == (2, True)
     assert sweepctl("simulate", "empty", "--robot", "none.toml").status == 2
