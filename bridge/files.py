@@ -68,6 +68,8 @@ def write_whole(path: Path, content: bytes) -> None:
     if target.exists() and not target.is_file():  # /dev/null
         target.write_bytes(content)
         return
+    if target.exists() and not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     draft = target.with_name(f".sweepctl-{os.getpid()}.part")
     try:
         draft.write_bytes(content)

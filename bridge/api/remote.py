@@ -97,7 +97,7 @@ class RemoteRobot:
     def __init__(self, port: str, node: int | None = None) -> None:
         """Send requests to the owner of a port; it rejects them if its robot has another node."""
         self._port = port
-        self._whose = {} if node is None else {"node": node}
+        self._address = {} if node is None else {"node": node}
 
     def list_parameters(self) -> list[Parameter]:
         """Read all parameters, sorted by number."""
@@ -151,7 +151,7 @@ class RemoteRobot:
             return self._ask(what, **fields)
 
     def _ask(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
-        return ask(self._port, {"do": what, **self._whose, **fields})
+        return ask(self._port, {"do": what, **self._address, **fields})
 
     def __enter__(self) -> Self:
         return self

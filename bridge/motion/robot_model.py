@@ -11,6 +11,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+_DECIMALS = 9
+"""Decimals of a computed length: a nanometre. Sums then equal the documented values."""
+
 
 def bounded(default: float, low: float, high: float, unit: str, meaning: str) -> Any:  # noqa: ANN401 - a dataclass field
     """Declare a number with default, limits, unit and meaning, for the reference of robot files."""
@@ -58,7 +61,7 @@ class RangerMount:
     def stop_range_m(self, radius_m: float, gap_m: float) -> float:
         """Return the range of such a wall with a gap to the rim, m; at least the minimum range."""
         range_m = max(self.contact_range_m(radius_m), self.min_range_m) + gap_m
-        return round(range_m, 9)
+        return round(range_m, _DECIMALS)
 
 
 def _ultrasonic() -> RangerMount:

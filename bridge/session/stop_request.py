@@ -97,7 +97,7 @@ class StopEverything(StopRequest):
     """The stop of every device on the port. Every sender sends the same bytes.
 
     Every detected device must report the latched cause ``operator`` or a higher cause. On a bus,
-    the devices are known only :data:`GATHER_NS` after the first message of the last of them.
+    all devices are detected if no new device has sent for :data:`GATHER_NS`.
     """
 
     def __init__(self, link: type[LinkBase], node: int | None = None) -> None:

@@ -48,11 +48,11 @@ def stop_port(port: str, node: int | None, how: Mapping[str, Any]) -> dict[str, 
             text = f"{port}: the process that owns it did not stop the robot ({rejection}); {error}"
             raise PortError(text) from None
     else:
-        other = node not in {None, found.get("node")}
-        if other or not found["confirmed"]:
+        is_another = node not in {None, found.get("node")}
+        if is_another or not found["confirmed"]:
             with contextlib.suppress(PortError):  # the owner's answer is returned
                 return {"port": port, **by_wire()}
-        if other:
-            whose = f"; its owner has stopped node {found['node']}" if found["confirmed"] else ""
-            raise NoDeviceError(f"{port}: node {node} has not confirmed the stop{whose}")
+        if is_another:
+            owner = f"; its owner has stopped node {found['node']}" if found["confirmed"] else ""
+            raise NoDeviceError(f"{port}: node {node} has not confirmed the stop{owner}")
     return {"port": port, **found}
