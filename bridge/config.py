@@ -83,15 +83,15 @@ def robot_cautions(model: RobotModel) -> list[str]:
     for name, mount in model.fitted_rangers.items():
         overhang_m = mount.centre_distance_m - radius_m
         contact_m = mount.contact_range_m(radius_m)
+        if name.startswith("infrared") and abs(math.cos(mount.yaw_rad)) > _TILT:
+            found.append(
+                f"{name}.yaw_rad: the sensor does not look straight to its side; wall following "
+                f"expects ±{math.pi / 2:.4f} rad"
+            )
         if overhang_m > ROUNDING_M:
             found.append(
                 f"{name}: the sensor is {1000 * overhang_m:.0f} mm outside the footprint; "
                 f"it hits walls before the hull does"
-            )
-        elif name.startswith("infrared") and abs(math.cos(mount.yaw_rad)) > _TILT:
-            found.append(
-                f"{name}.yaw_rad: the sensor does not look straight to its side; wall following "
-                f"expects ±{math.pi / 2:.4f} rad"
             )
         elif contact_m < mount.min_range_m - ROUNDING_M:
             found.append(

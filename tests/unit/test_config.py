@@ -230,3 +230,9 @@ def test_a_sensor_that_is_not_fitted_is_a_caution_and_nothing_of_it_is_checked()
 def test_fitted_is_true_or_false(value: str) -> None:
     with pytest.raises(ConfigError, match=r"ultrasonic\.fitted: must be true or false"):
         parse_robot(f"[ultrasonic]\nfitted = {value}\n")
+
+
+def test_a_tilted_sensor_that_is_too_near_has_two_cautions() -> None:
+    tilted, near = robot_cautions(parse_robot("[infrared_left]\nx_m = 0.11\nyaw_rad = 1.3"))
+    assert tilted.startswith("infrared_left.yaw_rad: the sensor does not look straight")
+    assert near.startswith("infrared_left: a wall that touches the robot is 34 mm")

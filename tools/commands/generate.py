@@ -115,8 +115,9 @@ def command(*, what: str, out: Path, node: int | None, imu: ImuScale | None, for
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, text.encode())
-            write_line(str(path))
     except OSError as error:
         print_error(f"cannot write {path}: {error.strerror}")
         return 1
+    for name in files:
+        write_line(str(out / name))
     return 0
